@@ -25,10 +25,7 @@ from .selection.change_point import (
     set_onset,
 )
 from .selection.holdout import (
-    choose_hypothesis,
     drop_refuted,
-    hand_over_plain,
-    keep_competitive,
     keep_predictive,
 )
 from .selection.hypotheses import (
@@ -42,7 +39,12 @@ from .selection.refine import choose_equivalents, refine_hypothesis
 from .selection.replay_scores import HeldOutScores
 from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
-from .selection.stated_values import hold_stated, round_effects
+from .selection.stated_values import (
+    hold_stated,
+    restore_stated,
+    return_to_given,
+    round_effects,
+)
 from .selection.verdict import (
     RemainingStructure,
     analyze_remaining,
@@ -50,7 +52,7 @@ from .selection.verdict import (
     drop_names,
     is_replay_off,
     limit_verdict,
-    makes_replay_worse,
+    predicts_worse,
     removes_too_little,
     withhold_verdict,
 )
@@ -109,13 +111,13 @@ def diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
-    hypotheses = _choose_effects(dataset, problem, state, rng, record, is_over)
+    hypothesis = _choose_effects(dataset, problem, state, rng, record, is_over)
     is_stopped = bool(record.stopped)  # before the search was through
     effects = {t.effect.name for t in state.candidates}
     untried = record.list_untried(state.candidates)
     del state  # each Jacobian of many joints takes as much as the whole program
-    dataset, hypotheses = _fit_last(dataset, hypotheses, record, is_over, findings_only)
-    tested = _test(dataset, hypotheses, say)
+    dataset, hypothesis = _fit_last(dataset, hypothesis, record, is_over, findings_only)
+    tested = _test(dataset, hypothesis, say)
     found = build_diagnosis(
         dataset,
         tested.hypothesis,
@@ -199,8 +201,8 @@ def _choose_effects(
     rng: np.random.Generator,
     record: SearchRecord,
     is_over: Callable[[float], bool],
-) -> list[Hypothesis]:
-    """Stage 3: one or two hypotheses of what is missing.
+) -> Hypothesis:
+    """Stage 3: a hypothesis of what is missing.
 
     Where time is over, what the search found so far.
 
@@ -224,41 +226,37 @@ def _choose_effects(
 
 def _fit_last(
     dataset: Dataset,
-    hypotheses: list[Hypothesis],
+    hypothesis: Hypothesis,
     record: SearchRecord,
     is_over: Callable[[float], bool],
     findings_only: bool,
-) -> tuple[Dataset, list[Hypothesis]]:
-    """The last fits of hypotheses; as the search fitted them where time is over.
+) -> tuple[Dataset, Hypothesis]:
+    """The last fit of a hypothesis; as the search fitted it where time is over.
 
     Args:
         dataset: with the recordings.
-        hypotheses: the likelier first.
-        record: of the search, whose states go.
+        hypothesis: with named effects.
+        record: of the search, whose state goes.
         is_over: whether a share of the time is over.
-        findings_only: whether the last fits leave what the model states.
+        findings_only: whether the last fit leaves what the model states.
 
     Returns:
-        The dataset, which knows the noise that the fits tell, and the hypotheses.
+        The dataset, which knows the noise that the fit tells, and the hypothesis.
     """
-    record.forget_states()
-    counter = hypotheses[0].problem.simulator.counter
-    dataset = dataset.with_noise_of(hypotheses[0].problem.simulator)
-    hypotheses = keep_competitive(dataset, hypotheses)
+    record.forget_state()
+    counter = hypothesis.problem.simulator.counter
+    dataset = dataset.with_noise_of(hypothesis.problem.simulator)
     record("fitting everything once more", 0.0)
     if findings_only:
-        hypotheses = [hold_stated(h) for h in hypotheses]
+        hypothesis = hold_stated(hypothesis)
     try:
         with counter.limit(lambda: is_over(FIT_SHARE)):
-            return dataset, [
-                choose_equivalents(
-                    keep_predictive(dataset, refine_hypothesis(dataset, h), h)
-                )
-                for h in hypotheses
-            ]
+            refined = refine_hypothesis(dataset, hypothesis)
+            refined = keep_predictive(dataset, refined, hypothesis)
+            return dataset, choose_equivalents(refined)
     except OutOfTime:
         record.stop()
-        return dataset, hypotheses
+        return dataset, hypothesis
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,37 +278,32 @@ class _Tested:
     refuted: tuple[str, ...]
 
 
-def _test(dataset: Dataset, hypotheses: Sequence[Hypothesis], say: Progress) -> _Tested:
+def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
     """Stage 4: which names hold in the held-out episodes, and what they leave.
 
     Args:
         dataset: with the held-out episodes.
-        hypotheses: the likelier first.
+        hypothesis: after its last fit.
         say: called with a message and a share (0 to 1).
     """
     say("testing what was found on the held-out episodes", 0.0)
-    hypothesis, refuted = choose_hypothesis(
-        dataset, [drop_refuted(dataset, hypothesis) for hypothesis in hypotheses]
-    )
-    plain = hand_over_plain(dataset, (hypothesis, refuted))
-    hypothesis, refuted = plain or (hypothesis, refuted)
-    hypothesis = round_effects(hypothesis)
+    hypothesis, refuted = drop_refuted(dataset, hypothesis)
+    hypothesis = round_effects(restore_stated(hypothesis))
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
-    if verdict == "explained" and hypothesis.has_unnamed:
-        verdict = "partly"
     scores = HeldOutScores.compute(dataset, hypothesis)
-    is_worse = bool(hypothesis.named) and makes_replay_worse(
-        dataset, hypothesis, scores
-    )
-    if is_worse or (
-        hypothesis.named and removes_too_little(dataset, hypothesis, scores)
+    is_worse = predicts_worse(scores, "patched", ("given", "refit"))
+    if hypothesis.named and (
+        is_worse or removes_too_little(dataset, hypothesis, scores)
     ):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in hypothesis.named))
         hypothesis, verdict = decide_verdict(drop_names(hypothesis), structure)
         verdict = "unlisted" if is_worse else verdict
+        scores = HeldOutScores.compute(dataset, hypothesis)
+    if not hypothesis.named and predicts_worse(scores, "patched", ("given",)):
+        hypothesis = return_to_given(hypothesis)
         scores = HeldOutScores.compute(dataset, hypothesis)
     tested = _Tested(hypothesis, verdict, scores, structure, refuted)
     tested = _add_quantization(dataset, tested)

@@ -2,7 +2,6 @@
 
 import os
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -37,10 +36,6 @@ MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
 MAX_TRACES = 4  # stretches that a page may draw; chosen
 # share of what is left that a torque of free form has to explain for a remark; chosen
 MIN_FREE_FORM_SHARE = 0.05
-UNPROVEN = (
-    "The patched model has effects that predict the held-out episodes better together, "
-    'though nothing proves them one by one ("unproven" in diagnosis.json): {}.'
-)
 UNPATCHED = (
     "patched.xml is the model as given, for its text cannot say what was found; "
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
@@ -72,9 +67,8 @@ def build_diagnosis(
     patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     errors = standard_errors(refine_jacobian(hypothesis.final.fit))
-    refit = doc.build_refit(patched, proof.unrestored.values, errors)
-    unproven = doc.build_unproven(hypothesis, errors)
-    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, unproven)
+    refit = doc.build_refit(patched, hypothesis, errors)
+    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
     text, diff, edits, unpatched = patch_or_nominal(
         dataset, patched.terms, patched.values
     )
@@ -86,8 +80,6 @@ def build_diagnosis(
         "refit": refit,
         "fit": _build_fit(dataset, proof),
     }
-    if unproven:
-        document["unproven"] = unproven  # a replay needs them too
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
@@ -306,7 +298,6 @@ def _write_remarks(
     structure: RemainingStructure,
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
-    unproven: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """Sentences that a reader should know before believing the rest.
 
@@ -316,7 +307,6 @@ def _write_remarks(
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         refit: entries of diagnosis.json's "refit".
-        unproven: entries of diagnosis.json's "unproven".
     """
     found = [
         f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
@@ -336,10 +326,6 @@ def _write_remarks(
             f"What also fitted, {'; '.join(refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
-    if unproven:
-        kinds = Counter(e["effect"].replace("_", " ") for e in unproven)
-        shown = ", ".join(f"{what} ({count})" for what, count in kinds.items())
-        found.append(UNPROVEN.format(shown))
     if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
         found.append(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "

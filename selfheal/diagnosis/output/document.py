@@ -50,30 +50,6 @@ def build_findings(
     return out
 
 
-def build_unproven(hypothesis: Hypothesis, errors: Floats) -> list[dict[str, Any]]:
-    """One entry for each effect and target that is in the fit without a name.
-
-    Args:
-        hypothesis: with the named effects and their fit.
-        errors: (P) standard errors of the fit's values [each parameter's unit].
-    """
-    named = {n.term for n in hypothesis.named}
-    added = hypothesis.final.fit.terms[len(hypothesis.nominal.fit.terms) :]
-    parameters = _list_by_term(hypothesis.final.fit, errors)
-    return [
-        {
-            "effect": term.effect.name,
-            "target": target,
-            **term.finding_fields,
-            "parameters": parameters[term],
-            "native": term.effect.is_native,
-        }
-        for term in added
-        if term not in named
-        for target in term.targets
-    ]
-
-
 def _list_by_term(fit: Fit, errors: Floats) -> dict[Term, list[dict[str, Any]]]:
     """The parameters of each term of a fit, as a finding lists them.
 
@@ -132,17 +108,19 @@ def _merge_components(name: str, entries: list[dict]) -> list[dict]:
 
 
 def build_refit(
-    patched: Fit, unrestored: Floats, errors: Floats
+    patched: Fit, hypothesis: Hypothesis, errors: Floats
 ) -> list[dict[str, Any]]:
     """One entry for each nominal value: as given, as patched, and its interval.
 
     Args:
         patched: the fit of the patched model; its nominal terms count.
-        unrestored: (P) its values before some returned to what the model states [1].
+        hypothesis: whose values before some returned to what the model states are the
+            middles of intervals.
         errors: (P) standard errors of its values.
     """
-    out = []
-    each = (patched.values, unrestored, errors)
+    out, half = [], FIT.interval_factor * FIT.interval_standard_errors
+    fitted_values = patched.values if hypothesis.fitted is None else hypothesis.fitted
+    each = (patched.values, fitted_values, errors)
     for term, factor, fitted, error in zip(
         patched.terms, *(split_values(patched.terms, x) for x in each), strict=True
     ):
@@ -150,7 +128,7 @@ def build_refit(
             continue
         given, (p,) = term.finding_fields["value"], term.parameters
         low, high = sorted(
-            given * np.clip(x + k * FIT.interval_standard_errors * e, p.low, p.high)
+            given * np.clip(x + k * half * e, p.low, p.high)
             for x, e in zip(fitted, error, strict=True)
             for k in (-1, 1)
         )

@@ -89,18 +89,13 @@ def _build_terms(
         for term, factor in _restore_refit(document, compiler):
             terms.append(term)
             values.append(np.array([factor]))
-    for finding in _list_added(document):
+    for finding in document["findings"]:
         term = restore_term(finding, compiler, patched)
         if patched and _is_in_patch(finding):
             continue
         terms.append(term)
         values.append(_read_values(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
-
-
-def _list_added(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """What a diagnosis added to the model: with a name, and without a proof."""
-    return [*document["findings"], *document.get("unproven", ())]
 
 
 def _is_in_patch(finding: Mapping[str, Any]) -> bool:
@@ -236,7 +231,7 @@ def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
     """Ids of the joints that a patch added to a model, hinges and slides."""
     places = [
         find_effect(finding["effect"]).find_place(model, finding)
-        for finding in _list_added(document)
+        for finding in document["findings"]
     ]
     names = {name_added_joint(model, place) for place in places if "suffix" in place}
     return [j for j in range(model.njnt) if model.joint(j).name in names]

@@ -31,11 +31,10 @@ def check_entries(path: object, document: Mapping[str, Any]) -> None:
     """
     checks = {
         "findings": _check_finding,
-        "unproven": _check_finding,
         "refit": _check_refit,
     }
     for key, check in checks.items():
-        entries = document.get(key, [] if key == "unproven" else None)
+        entries = document.get(key)
         if not isinstance(entries, list):
             raise InputError(f"{path}: {key} is no list; would fit: a list of entries")
         for i, entry in enumerate(entries):

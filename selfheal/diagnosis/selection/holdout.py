@@ -6,7 +6,6 @@ help there.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import chain
 
 import numpy as np
@@ -21,7 +20,7 @@ from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import noise_ratio, normalize_rms
+from ..estimation.noise import normalize_rms
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
 from ..estimation.settings import FIT
@@ -32,50 +31,18 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from .backward import (
-    compute_removal_costs,
     compute_worst_growth,
-    eliminate_backward,
-    estimate_without,
     fit_without,
 )
 from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
-from .evidence import Evidence, find_uncertain, weigh_name
+from .evidence import find_uncertain
 from .hypotheses import Hypothesis, NamedEffect
 from .screening import mean_seconds
 from .settings import SELECTION
 
 # a hypothesis, and labels of the names that were refuted
 Tested = tuple[Hypothesis, tuple[str, ...]]
-
-
-def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Tested]) -> Tested:
-    """The first of several hypotheses, unless held-out episodes speak for another.
-
-    One with more parameters or rarer effects must be clearly better.
-    """
-    if len(hypotheses) == 1:
-        return hypotheses[0]
-    errors = _held_out_errors(dataset, [hypothesis for hypothesis, _ in hypotheses])
-    best = int(np.argmin(errors))
-    new, old = _complexity(hypotheses[best][0]), _complexity(hypotheses[0][0])
-    is_simpler = all(n <= o for n, o in zip(new, old, strict=True))
-    ratio = 1.0 if is_simpler else SELECTION.complex_hypothesis_error_ratio
-    return hypotheses[best if errors[best] < ratio * errors[0] else 0]
-
-
-def _complexity(hypothesis: Hypothesis) -> tuple[int, int]:
-    """Rarity of the effects that a hypothesis names, in sum, and their parameters."""
-    terms = [n.term for n in hypothesis.named]
-    return sum(t.effect.rarity for t in terms), sum(len(t.parameters) for t in terms)
-
-
-def keep_competitive(
-    dataset: Dataset, hypotheses: Sequence[Hypothesis]
-) -> list[Hypothesis]:
-    """The first hypothesis, and those that are as good in the held-out episodes."""
-    errors = _held_out_errors(dataset, hypotheses) if len(hypotheses) > 1 else [0.0]
-    return [h for h, e in zip(hypotheses, errors, strict=True) if e <= errors[0]]
 
 
 def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
@@ -127,124 +94,6 @@ def keep_predictive(
         return refined
     new, old = _held_out_errors(dataset, [refined, searched])
     return searched if old < new / SELECTION.worse_replay_ratio**2 else refined
-
-
-def hand_over_plain(dataset: Dataset, tested: Tested) -> Tested | None:
-    """All usual effects, where their fit predicts better, and names that are proved.
-
-    The fit of all usual effects at once is what an engineer would try first. Where it
-    predicts held-out episodes better than a hypothesis, the search missed something.
-    Values that nothing proves one by one stay in the fit without a name, if together
-    they predict better by 5 %; but not those that it can do without.
-
-    Args:
-        dataset: with the held-out episodes.
-        tested: a hypothesis, and what was refuted.
-
-    Returns:
-        The other hypothesis; None where the first one is about as good or better, or
-        where the other one has no name that is proved.
-    """
-    hypothesis, plain = tested[0], tested[0].plain
-    if plain is None:
-        return None
-    if noise_ratio(hypothesis.final.fit) <= FIT.unexplained_ratio:
-        return None  # what leaves little but noise misses nothing
-    count = len(hypothesis.nominal.fit.terms)
-    every = replace(hypothesis, final=ScoredFit.from_fit(plain))
-    limit, error = _held_out_errors(dataset, [hypothesis, every])
-    if error >= limit / SELECTION.worse_replay_ratio**2:
-        return None
-    fewer = ScoredFit.from_fit(eliminate_backward(plain, count))
-    named, proven = _find_proven(dataset, fewer, count, len(plain.terms) - count)
-    if not named:
-        return None
-    less, least = (replace(hypothesis, final=final) for final in (fewer, proven))
-    _, error_of_less, error_of_least = _held_out_errors(
-        dataset, [hypothesis, less, least]
-    )
-    chosen = less if error_of_less <= error else every
-    if error_of_least <= SELECTION.worse_replay_ratio**2 * error:
-        chosen = least
-    return replace(chosen, named=named), tested[1]
-
-
-def _find_proven(
-    dataset: Dataset, scored: ScoredFit, nominal_count: int, tried: int
-) -> tuple[tuple[NamedEffect, ...], ScoredFit]:
-    """The effects that a likelihood-ratio test proves, in fitted or held-out segments.
-
-    One after the other, what costs least first: what fails is taken out of the fit
-    before the next is tested, for of two that do the same one has to stay. What the
-    fitted segments hardly tell, as friction under a load that is rare there, held-out
-    ones can. What is clearly proved to first order is not fitted without.
-
-    Args:
-        dataset: with the held-out episodes.
-        scored: fit whose terms beside the nominal ones are to be tested.
-        nominal_count: number of nominal terms, which stand first.
-        tried: number of effects that were fitted together.
-
-    Returns:
-        The effects, and the fit without all others.
-    """
-    fit, problem = scored.fit, scored.fit.problem
-    held_out = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
-    held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
-    weigh = partial(_weigh_in_both, 2 * tried, np.random.default_rng(4))
-    unseen = fit_parameters(held_out, fit.terms, fit.values, iterations=0)
-    base = LinearizedFit.from_fit(fit)
-    named: list[NamedEffect] = []
-    untested = list(fit.terms[nominal_count:])
-    costs = compute_removal_costs(base, untested)
-    while untested:
-        untested.remove(term := min(untested, key=costs.__getitem__))
-        (less, step), (whole, _) = (estimate_without(base, x) for x in ([term], []))
-        unseen = unseen.restore([term])
-        predicted = unseen.residuals + unseen.jacobian @ step
-        slopes = unseen.jacobian_without(term)
-        without = Fit(held_out, less.fit.terms, less.fit.values, predicted, slopes)
-        evidence = weigh(less, without, whole, unseen)
-        if evidence.p_value > SELECTION.clear_p_value:
-            less = ScoredFit.from_fit(fit_without(base, term))
-            predicted = held_out.residuals_at(less.fit.terms, less.fit.values)
-            without = Fit(held_out, less.fit.terms, less.fit.values, predicted, slopes)
-            evidence = weigh(less, without, scored, unseen)
-        if evidence.p_value < SELECTION.max_p_value:
-            named.append(NamedEffect(term, evidence, ()))
-        else:
-            unseen, scored, base = without, less, LinearizedFit.from_fit(less.fit)
-            costs = compute_removal_costs(base, untested)
-    return tuple(named), scored
-
-
-def _weigh_in_both(
-    tried: int,
-    rng: np.random.Generator,
-    less: ScoredFit,
-    unseen_less: Fit,
-    whole: ScoredFit,
-    unseen: Fit,
-) -> Evidence:
-    """What speaks for an effect, in the segments that show it better.
-
-    Args:
-        tried: number of tests.
-        rng: draws resamples.
-        less: the fit without the effect.
-        unseen_less: the same in held-out segments.
-        whole: the fit with it.
-        unseen: the same in held-out segments.
-    """
-    old, new = (
-        ScoredFit(fit, fit.problem.sum_by_segment(fit.residuals**2))
-        for fit in (unseen_less, unseen)
-    )
-    return min(
-        weigh_name(less, whole, tried, rng),
-        weigh_name(old, new, tried, rng),
-        key=lambda e: e.p_value,
-    )
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:

@@ -22,11 +22,11 @@ from ..linear.torque_balance import TorqueBalance, can_be_linear
 from .backward import exchange_equivalent
 from .criteria import Claim
 from .cross_validation import ScoredFit
+from .lengthening import fit_longer
 from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
 from .settings import SELECTION
 from .stepwise import keep_significant, remove_and_exchange
-from .whole_drives import fit_longer
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
 
@@ -48,7 +48,6 @@ def search_linear_model(
         rng: draws noise and resamples.
         record: of what was tried and found.
     """
-    state = replace(state, direction="linear")
     simulator, problem = state.problem.simulator, state.problem
     stated = state.best.fit.terms[: state.nominal_count]
     if is_measured(simulator):

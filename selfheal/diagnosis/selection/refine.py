@@ -30,7 +30,7 @@ from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import count_native_steps, mean_seconds, subsample_problem
 from .settings import SELECTION
-from .stated_values import fix_effects
+from .stated_values import fix_known
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -151,12 +151,7 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
         final = refine_undamped(final)
     scored = ScoredFit.from_fit(final)
     scored_alone = ScoredFit.from_fit(alone) if hypothesis.named else scored
-    plain = hypothesis.plain
-    if noise_ratio(final) <= FIT.unexplained_ratio:
-        plain = None  # nothing is missed that it could show
-    elif plain:
-        plain = fit_parameters(problem, plain.terms, plain.values, iterations=2)
-    return replace(hypothesis, nominal=scored_alone, final=scored, plain=plain)
+    return replace(hypothesis, nominal=scored_alone, final=scored)
 
 
 def choose_equivalents(hypothesis: Hypothesis) -> Hypothesis:
@@ -178,7 +173,7 @@ def choose_equivalents(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
-    """Fit nominal values to the model's own time step; effects keep their values.
+    """Fit stated values to the model's own time step; what is known keeps its value.
 
     This is what a user sees who replays the model: half a step early, and with another
     damping than in continuous time. A fit in continuous time gives the effects' truth.
@@ -191,6 +186,6 @@ def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
     """
     fit, native = base.fit, base.problem.native
     best = fit_parameters(
-        native, fix_effects(fit), fit.values, iterations=2, jacobian=fit.jacobian
+        native, fix_known(fit), fit.values, iterations=2, jacobian=fit.jacobian
     )
     return LinearizedFit.from_fit(replace(best, terms=fit.terms))

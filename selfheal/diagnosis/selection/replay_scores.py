@@ -29,7 +29,7 @@ from .quantization import append_step
 from .refine import refit_native_timestep
 from .screening import draw_segments
 from .settings import SELECTION
-from .stated_values import restore_stated
+from .stated_values import round_stated
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
 
@@ -40,9 +40,8 @@ class HorizonScores:
 
     Attributes:
         seconds: length of the segments [s].
-        numbers: score of each model ("given", "refit", "patched", and "plain" with all
-            usual effects), and the "floor" that noise, initial states and time step
-            leave.
+        numbers: score of each model ("given", "refit" and "patched"), and the "floor"
+            that noise, initial states and time step leave.
     """
 
     seconds: float
@@ -60,7 +59,6 @@ class HeldOutScores:
 
     Attributes:
         refits: of each model but the given one, by its name, as MuJoCo steps it.
-        unrestored: the patched model's before stated values were restored and rounded.
         segments: that were replayed.
         count: (E, S) readings of each episode and signal.
         squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
@@ -70,7 +68,6 @@ class HeldOutScores:
     """
 
     refits: dict[str, Fit]
-    unrestored: Fit
     segments: Segments
     count: Floats
     squares: dict[str, Floats]
@@ -81,8 +78,6 @@ class HeldOutScores:
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
         fits = {"refit": hypothesis.nominal.fit}
-        if hypothesis.plain:
-            fits["plain"] = hypothesis.plain
         if hypothesis.named:
             fits["patched"] = hypothesis.final.fit
         refits = {
@@ -90,11 +85,11 @@ class HeldOutScores:
         }
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(fits.get("patched", fits["refit"]))
-        refits["patched"] = restore_stated(whole, errors)
+        refits["patched"] = round_stated(whole, errors)
         if not hypothesis.named:
             refits["refit"] = refits["patched"]
         fitted = {name: refit.fit for name, refit in refits.items()}
-        return cls._replay(dataset, fitted, whole.fit)
+        return cls._replay(dataset, fitted)
 
     def with_quantization(
         self, dataset: Dataset, hypothesis: Hypothesis
@@ -109,12 +104,10 @@ class HeldOutScores:
         for term, step in zip(*added, strict=True):
             patched = append_step(patched, term, step)
         refits = {**self.refits, "patched": patched}
-        return self._replay(dataset, refits, self.unrestored)
+        return self._replay(dataset, refits)
 
     @classmethod
-    def _replay(
-        cls, dataset: Dataset, refits: dict[str, Fit], unrestored: Fit
-    ) -> "HeldOutScores":
+    def _replay(cls, dataset: Dataset, refits: dict[str, Fit]) -> "HeldOutScores":
         """The scores of models fitted to their own time step, and of the given one."""
         simulator, patched = dataset.held_out.native, refits["patched"]
         segments = score.cut_replay_segments(simulator)
@@ -134,7 +127,7 @@ class HeldOutScores:
             _measure_floor(dataset, segments, patched)[0], numbers["patched"]
         )
         horizons = _score_horizons(dataset, models, patched)
-        return cls(refits, unrestored, segments, count, squares, numbers, horizons)
+        return cls(refits, segments, count, squares, numbers, horizons)
 
 
 def _select_some(fit: Fit) -> LinearizedFit:

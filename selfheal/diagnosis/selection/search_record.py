@@ -9,11 +9,11 @@ from .search_state import SearchState
 
 
 class SearchRecord:
-    """Passes progress on, with what is believed so far, and keeps the states reached.
+    """Passes progress on, with what is believed so far, and keeps the state reached.
 
     Attributes:
         stage: what is being done.
-        states: the last one of each direction of the search, by its name.
+        state: the last one of the search; None: there is none yet.
         tried: keys of the terms that were tried.
         stopped: what was being done when time was over; empty where it was not.
     """
@@ -22,7 +22,7 @@ class SearchRecord:
         """`progress`: called with a message and a share (0 to 1)."""
         self._progress = progress
         self.stage = "beginning the search"
-        self.states: dict[str, SearchState] = {}
+        self.state: SearchState | None = None
         self._belief = ""
         self.tried: set[tuple] = set()
         self.stopped = ""
@@ -37,16 +37,15 @@ class SearchRecord:
         self.stopped = self.stopped or self.stage
 
     def keep(self, state: SearchState) -> None:
-        """Keep a state as the last one of its direction."""
-        self.states.pop(state.direction, None)
-        self.states[state.direction] = state
+        """Keep a state as the last one."""
+        self.state = state
         count = Counter(t.effect.name for t in state.named)
         each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
         self._belief = f" (so far: {', '.join(each)})" if each else ""
 
-    def forget_states(self) -> None:
-        """Forget the states, whose Jacobians are large, but not what is believed."""
-        self.states.clear()
+    def forget_state(self) -> None:
+        """Forget the state, whose Jacobian is large, but not what is believed."""
+        self.state = None
 
     def add_tried(self, terms: Iterable[Term]) -> None:
         """Know that terms were tried."""

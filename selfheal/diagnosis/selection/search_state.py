@@ -41,8 +41,6 @@ class SearchState:
         claims: what speaks for each effect ever named, by the key of its term.
         first_round: candidates of the first screening, each with the cost that it
             leaves, as a share of the cost without it.
-        plain: the fit of all usual effects, of which none was chosen; None: not made.
-        direction: of the search, "forward" or "backward".
     """
 
     best: ScoredFit
@@ -50,8 +48,6 @@ class SearchState:
     candidates: Sequence[Term]
     claims: Mapping[tuple, Claim] = field(default_factory=dict)
     first_round: tuple[tuple[Term, float], ...] = ()
-    plain: Fit | None = None
-    direction: str = "forward"
 
     @property
     def problem(self) -> Problem:
@@ -69,11 +65,6 @@ class SearchState:
     def with_claim(self, term: Term, claim: Claim) -> "SearchState":
         """The state that knows what speaks for a term."""
         return replace(self, claims={**self.claims, term.key: claim})
-
-    def with_history_of(self, other: "SearchState") -> "SearchState":
-        """The state that knows the claims and the first round of another search."""
-        claims = {**other.claims, **self.claims}
-        return replace(self, claims=claims, first_round=other.first_round)
 
     @property
     def named(self) -> tuple[Term, ...]:

@@ -187,10 +187,6 @@ class SelectionSettings:
     """Share by which the error may grow where an effect is removed. Chosen: as much as
     a name must remove where nothing touches (`Regime.min_gain`)."""
 
-    sweeps_of_initial_values: int = 2
-    """Times that each effect of all joints chooses its initial values. Chosen: the
-    second time beside those of all others."""
-
     reweightings_of_all: int = 2
     """Fits of all usual effects with weights set anew. Chosen: errors fall by a hundred
     in the first, and hardly in a third."""
@@ -292,10 +288,6 @@ class SelectionSettings:
 
     # Held-out episodes
 
-    complex_hypothesis_error_ratio: float = 0.8
-    """Ratio of errors that a hypothesis with more or rarer effects must reach in
-    held-out episodes. Chosen: simplicity decides where the data hardly do."""
-
     min_held_out_gain: float = 0.01
     """Share of the error in held-out episodes that a name must remove. Chosen: half of
     what it must remove where it was fitted."""
@@ -315,17 +307,13 @@ class SelectionSettings:
 
     # What is handed over
 
-    max_restoring_cost: float = 0.01
-    """Share by which the cost may grow where stated values return to what the model
-    states. Chosen: half of `removal_tolerance`, for a prediction that is as good."""
-
     max_rounding_step: float = 0.2
     """[half intervals] largest step of a value's last digit. Chosen: rounding then
     moves it by a tenth of that at most."""
 
     max_rounding_cost: float = 0.001
-    """Share by which the cost may grow where values are rounded. Chosen: nothing beside
-    `max_restoring_cost`."""
+    """Share by which the cost may grow where values are rounded. Chosen: a twentieth of
+    `removal_tolerance`."""
 
     max_extra_digits: int = 6
     """Times that all values may get one more digit. Chosen: they have single precision
@@ -368,11 +356,6 @@ class SelectionSettings:
     worse_replay_ratio: float = 1.05
     """Held-out replay error over that of the refitted model above which names make it
     worse. Chosen: a tolerance of 5 %."""
-
-    other_replay_ratio: float = 3.0
-    """The same ratio, above which no gain in segments makes up for it. Chosen after a
-    robot with an integrated command: two false names made its replay eight times as
-    wrong."""
 
     max_replay_floor_ratio: float = 6.0
     """Held-out replay error over the noise floor above which it is not all explained.

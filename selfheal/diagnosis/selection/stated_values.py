@@ -21,10 +21,15 @@ from .hypotheses import Hypothesis
 from .settings import SELECTION
 
 
-def fix_effects(fit: Fit) -> tuple[Term, ...]:
-    """The terms of a fit with bounds that leave effects no other values than theirs."""
+def fix_known(fit: Fit) -> tuple[Term, ...]:
+    """The terms of a fit with bounds that leave but one value where it is known.
+
+    To effects theirs, and to what is as the model states it 1.
+    """
     each = fit.values_by_term.items()
-    return tuple(t if t.effect.name == "stated" else _fix(t, v) for t, v in each)
+    return tuple(
+        t if t.effect.name == "stated" and v[0] != 1 else _fix(t, v) for t, v in each
+    )
 
 
 def _fix(term: Term, values: Floats) -> Term:
@@ -38,7 +43,6 @@ def _fix(term: Term, values: Floats) -> Term:
 
 def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis fitted again with every stated value as the model states it."""
-    plain = hypothesis.plain
 
     def hold(fit: Fit) -> Fit:
         """The fit of the effects alone."""
@@ -48,32 +52,56 @@ def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
         ScoredFit.from_fit(hold(scored.fit))
         for scored in (hypothesis.nominal, hypothesis.final)
     )
-    plain = hold(plain) if plain else None
-    return replace(hypothesis, nominal=nominal, final=final, plain=plain)
+    return replace(hypothesis, nominal=nominal, final=final)
 
 
-def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
-    """Give back to the model what the data do not contradict, and round the rest.
+def return_to_given(hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis without names whose stated values are as the model has them."""
+    fit = hypothesis.final.fit
+    values = np.ones(len(fit.values))
+    given = ScoredFit.from_fit(
+        fit_parameters(
+            fit.problem, fit.terms, values, iterations=0, jacobian=fit.jacobian
+        )
+    )
+    return replace(hypothesis, nominal=given, final=given, named=())
 
-    A stated value returns to what the model states if that lies in its interval, and as
-    long as the fit hardly suffers. What costs least comes first, and all others are
-    fitted again. Those that are left have the digits that their intervals support.
-    Effects keep their values.
+
+def restore_stated(hypothesis: Hypothesis) -> Hypothesis:
+    """Give back to the model what the data do not contradict, with all else refitted.
+
+    A stated value returns to what the model states if that lies in its interval, given
+    what has returned before; and if it sits at a bound, for then the data ask for
+    something else. What costs least comes first.
+    """
+    fit = hypothesis.final.fit
+    final = ScoredFit.from_fit(_restore(fit))
+    nominal = final
+    if hypothesis.named:
+        nominal = ScoredFit.from_fit(_restore(hypothesis.nominal.fit))
+    return replace(hypothesis, nominal=nominal, final=final, fitted=fit.values)
+
+
+def _restore(fit: Fit) -> Fit:
+    """The fit with stated values that have returned, as `restore_stated` has it."""
+    half = FIT.interval_factor * FIT.interval_standard_errors * standard_errors(fit)
+    restored = _find_restorable(LinearizedFit.from_fit(fit), half)
+    if not restored.size:
+        return fit
+    return replace(_fit_restored(fit, restored, 3), terms=fit.terms)
+
+
+def round_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
+    """Stated values with the digits that their intervals support.
 
     Args:
         base: a fit of stated values and effects.
         errors: (P) standard errors of its values [1].
     """
-    terms, fit = base.fit.terms, replace(base.fit, terms=fix_effects(base.fit))
-    half = FIT.interval_standard_errors * errors
-    restored = _find_restorable(LinearizedFit.from_fit(fit), half)
-    less = _fit_restored(fit, restored, 1) if restored.size else fit
-    limit = (1 + SELECTION.max_restoring_cost) * (fit.cost + fit.prior_penalty)
-    if less.cost + less.prior_penalty > limit:  # it is less linear than that
-        less, restored = fit, np.zeros(0, int)
-    half = np.where(np.isin(np.arange(len(half)), restored), 0.0, half)
-    values = _round(LinearizedFit.from_fit(less), half, is_stated(terms))
-    return LinearizedFit.from_fit(replace(less, terms=terms, values=values))
+    fit = base.fit
+    half = np.where(fit.values == 1, 0.0, FIT.interval_standard_errors * errors)
+    values = _round(base, half, is_stated(fit.terms))
+    return LinearizedFit.from_fit(replace(fit, values=values))
 
 
 def round_effects(hypothesis: Hypothesis) -> Hypothesis:
@@ -100,33 +128,36 @@ def _reset_idle(fit: Fit) -> Fit:
 
 
 def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
-    """Numbers of the stated values that can return to what the model states.
+    """Numbers of the stated values that return to what the model states.
 
-    Backward elimination by the quadratic model of the cost: with C = H^-1 and d = x - 1
-    of the values between their bounds, value i returns at a cost of d_i^2 / C_ii, and
-    the others then move by -C_i d_i / C_ii.
+    Backward elimination by the quadratic model of the cost: with C = H^-1 and
+    deviations d = x - 1, value i returns at a cost of d_i^2 / C_ii, and the others then
+    move by -C_i d_i / C_ii. Its interval shrinks as the root of C_ii.
 
     Args:
         base: the fit.
         half: (P) half the interval of each value.
     """
     fit = base.fit
-    low, high, _ = stack_bounds(fit.terms)
-    free = np.flatnonzero((low < fit.values) & (fit.values < high))
-    deviation = fit.values[free] - 1
-    covariance = np.linalg.pinv(base.curvature[np.ix_(free, free)], hermitian=True)
-    is_open = is_stated(fit.terms)[free] & (np.abs(deviation) <= half[free])
-    left = SELECTION.max_restoring_cost * (fit.cost + fit.prior_penalty)
-    found = []
-    while is_open.any():
+    open_ = is_stated(fit.terms) & (fit.values != 1)
+    deviation = fit.values - 1
+    covariance = np.linalg.pinv(base.curvature, hermitian=True)
+    whole = np.maximum(np.diagonal(covariance), FIT.tiny)
+    is_bound = np.concatenate([
+        np.full(len(v), t.is_at_bound(v)) for t, v in fit.values_by_term.items()
+    ] or [np.zeros(0, bool)])  # fmt: skip
+    found: list[int] = []
+    while open_.any():
         variance = np.maximum(np.diagonal(covariance), FIT.tiny)
-        costs = np.where(is_open, deviation**2 / variance, np.inf)
-        i = int(costs.argmin())
-        if costs[i] > left:
+        reach = np.minimum(half, FIT.max_residual) * np.sqrt(variance / whole)
+        costs = np.where(open_, deviation**2 / variance, np.inf)
+        returns = open_ & ((np.abs(deviation) <= reach) | is_bound)
+        if not returns.any():
             break
-        left -= costs[i]
-        is_open[i] = False
-        found.append(free[i])
+        first = returns & is_bound if (returns & is_bound).any() else returns
+        i = int(np.where(first, costs, np.inf).argmin())
+        open_[i] = False
+        found.append(i)
         response = covariance[i] / variance[i]
         deviation = deviation - response * deviation[i]
         covariance = covariance - np.outer(response, covariance[i])

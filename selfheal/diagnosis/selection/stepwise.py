@@ -15,7 +15,7 @@ from ..estimation.candidate_fit import fit_candidate
 from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.reweighting import downweight_unscored, reestimate_initial_states
+from ..estimation.reweighting import reestimate_initial_states
 from .backward import (
     compute_removal_costs,
     eliminate_backward,
@@ -33,8 +33,8 @@ from .criteria import (
     fit_finalists,
     is_clear,
 )
-from .cross_validation import ScoredFit, fit_and_score, refit_without_folds
-from .evidence import is_as_good, weigh_name
+from .cross_validation import ScoredFit, refit_without_folds
+from .evidence import weigh_name
 from .screening import screen_candidates, select_hard_segments
 from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit
@@ -274,35 +274,3 @@ def vet_untested(state: SearchState, rng: np.random.Generator) -> SearchState:
         return state
     scored = ScoredFit.from_fit(eliminate_backward(state.best.fit, state.nominal_count))
     return keep_significant(state.with_fit(scored), untested, rng)
-
-
-def predicts_better(state: SearchState, other: SearchState) -> bool:
-    """Whether one search predicts better, or as well by fewer or more usual effects.
-
-    Both fits are repeated and compared in the segments of the first one.
-    """
-    fit = state.best.fit
-    problem = replace(fit.problem, sigma=downweight_unscored(fit))
-    problem = marginalize_initial_states(problem, fit.terms, fit.values)
-    known = fit.transfer_jacobian(problem)
-    first, second = (
-        fit_and_score(
-            problem,
-            s.best.fit.terms,
-            s.best.fit.values,
-            iterations=2,
-            jacobian=jacobian,
-        )
-        for s, jacobian in ((state, known), (other, None))
-    )
-    if first.error < SELECTION.exchange_error_ratio * second.error:
-        return True
-    is_simpler = _rank_simplicity(state) < _rank_simplicity(other)
-    return is_simpler and is_as_good(first, second)
-
-
-def _rank_simplicity(state: SearchState) -> tuple[int, int, int]:
-    """Sort key of searches that the data do not rank: few names, and usual ones."""
-    rarity = sum(t.effect.rarity for t in state.named)
-    unusual = sum(not t.effect.is_usual(t) for t in state.named)
-    return len(state.named), rarity, unusual

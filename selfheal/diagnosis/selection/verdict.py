@@ -237,28 +237,21 @@ def limit_verdict(verdict: str, scores: HeldOutScores) -> str:
     return verdict
 
 
-def makes_replay_worse(
-    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
-) -> bool:
-    """Whether names make a replay of the held-out episodes worse.
+def predicts_worse(scores: HeldOutScores, model: str, others: Sequence[str]) -> bool:
+    """Whether a model predicts held-out episodes worse than others over some horizon.
 
-    Not if they explain nearly all in short segments and the replay is no other motion.
-    A robot that falls, or is chaotic, is soon elsewhere whatever is true of it.
+    By 5 %, and by more than the floor that noise leaves; or whether it diverges.
 
     Args:
-        dataset: with the held-out episodes.
-        hypothesis: with names.
-        scores: its replay.
+        scores: of the models, by name.
+        model: "patched" or "refit".
+        others: names of the others.
     """
-    patched, refit = scores.numbers["patched"], scores.numbers["refit"]
-    if not np.isfinite(patched):  # it diverges, whatever the re-fitted model does
-        return True
-    if patched > SELECTION.other_replay_ratio * refit:
-        return True
-    return (
-        patched > SELECTION.worse_replay_ratio * refit
-        and _share_removed_in_segments(dataset, hypothesis)
-        < SELECTION.fully_explained_error
+    ratio = SELECTION.worse_replay_ratio
+    return any(
+        not h[model] <= ratio * max(min(h[name] for name in others), h["floor"])
+        for h in (scores.numbers, *(h.numbers for h in scores.horizons))
+        if np.isfinite(min(h[name] for name in others))
     )
 
 
