@@ -59,12 +59,24 @@ class ErrorModel(Protocol):
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of a hypothesis's errors by its last term, at n values (n, P)."""
+        """Changes of a hypothesis's errors by one more term, at n values.
+
+        Args:
+            terms: of the hypothesis, and the one that is added last.
+            values: (n, P) of all of them [units of the parameters].
+            errors: without that term.
+        """
 
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes (K, ...) by what nobody knows, each of one deviation."""
+        """Changes (K, ...) by what nobody knows, each of one deviation.
+
+        Args:
+            terms: of a hypothesis.
+            values: (1, P) of them [units of the parameters].
+            errors: with them.
+        """
 
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""

@@ -147,7 +147,7 @@ class Search:
         """
         fit, size = self.fit, self.fit.whitening.errors.size
         share = fit.model.screening_share
-        open_terms = [t for t in self.candidates if is_distinct(t, fit.named)]
+        open_terms = [t for t in self.candidates if _can_stand_beside(t, fit.named)]
         if share > 1.5:
             part = fit.thin(share)
             hopeful = set()
@@ -265,9 +265,14 @@ def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
     return propose_directions(fit.model, fit.terms, values, fit.plain_errors, terms)
 
 
+def _can_stand_beside(term: Term, named: Sequence[Term]) -> bool:
+    """Whether no name has the term's effect there, nor a form of the same law."""
+    return is_distinct(term, named) and not find_other_forms(term, named)
+
+
 def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
     """What may be added: each direction, and a usual effect at all its places."""
-    open_directions = [d for d in directions if is_distinct(d.term, fit.named)]
+    open_directions = [d for d in directions if _can_stand_beside(d.term, fit.named)]
     groups: dict[str, dict[tuple, Direction]] = {}
     for d in open_directions:
         if d.term.effect.is_usual(d.term):

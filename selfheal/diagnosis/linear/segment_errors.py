@@ -1,8 +1,8 @@
 """Errors of predictions: takes a problem in segments, gives errors of hypotheses.
 
-Where the state at a sample is not known, since not all joints are read, something
-touches, or samples lie far apart beside what servos do, segments are simulated from
-their beginnings. What errors of the initial states explain is removed from them.
+Segments are simulated from their beginnings where the states in them are not known:
+joints are not read, or samples lie far apart beside what servos do. What errors of the
+initial states explain is removed.
 """
 
 from collections.abc import Sequence
@@ -64,7 +64,13 @@ class SegmentErrors:
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of the errors by the last term, at n values (n, P)."""
+        """Changes of a hypothesis's errors by one more term, at n values.
+
+        Args:
+            terms: of the hypothesis, and the one that is added last.
+            values: (n, P) of all of them [units of the parameters].
+            errors: without that term.
+        """
         found = self.compute_errors(terms, values)
         return Errors(found.values - errors.values, found.volume - errors.volume)
 

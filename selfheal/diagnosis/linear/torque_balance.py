@@ -74,7 +74,13 @@ class TorqueBalance:
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of the errors by the last term, at n values (n, P)."""
+        """Changes of a hypothesis's errors by one more term, at n values.
+
+        Args:
+            terms: of the hypothesis, and the one that is added last.
+            values: (n, P) of all of them [units of the parameters].
+            errors: without that term.
+        """
         if is_force_law(terms[-1].effect) and not any(t.onset for t in terms):
             return _compute_forces(self.motion, terms, values)
         found = self.compute_errors(terms, values)
@@ -139,10 +145,10 @@ def compute_errors(
         e = M (a_model - a_read) = tau - M a_read - c,
 
     is linear in masses, rotors, forces and gains, however far off they are. But it is
-    what was read that has the noise: the density of the readings is that of e times
-    |de / dreadings|, whose logarithm is half of log det N up to a constant, N the
-    covariance of e by noise of the readings. Without it a free robot would be explained
-    by having no mass.
+    what was read that has the noise. The density of the readings is that of e times
+    |de / dreadings|. Up to a constant, the logarithm of that is half of log det N, with
+    N the covariance of e by noise of the readings. Without it a free robot would be
+    explained by having no mass.
 
     Args:
         motion: as measured.

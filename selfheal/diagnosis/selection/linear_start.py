@@ -15,7 +15,7 @@ from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..linear.fit import LinearFit, start_fit
-from ..linear.motion import is_measured, measure_motion
+from ..linear.measurement import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
 from ..linear.torque_balance import TorqueBalance, can_be_linear

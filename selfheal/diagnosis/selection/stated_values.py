@@ -70,9 +70,9 @@ def return_to_given(hypothesis: Hypothesis) -> Hypothesis:
 def restore_stated(hypothesis: Hypothesis) -> Hypothesis:
     """Give back to the model what the data do not contradict, with all else refitted.
 
-    A stated value returns to what the model states if that lies in its interval, given
-    what has returned before; and if it sits at a bound, for then the data ask for
-    something else. What costs least comes first.
+    A stated value returns if what the model states lies in its interval, given what has
+    returned before. It also returns from a bound, where the data ask for something
+    else. What costs least comes first.
     """
     fit = hypothesis.final.fit
     final = ScoredFit.from_fit(_restore(fit))

@@ -7,9 +7,10 @@ import pytest
 
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.linear.model import can_be_linear
-from selfheal.diagnosis.linear.motion import is_measured, measure_motion
+from selfheal.diagnosis.linear.fit import start_fit
+from selfheal.diagnosis.linear.measurement import is_measured, measure_motion
 from selfheal.diagnosis.linear.search import Search
+from selfheal.diagnosis.linear.torque_balance import TorqueBalance, can_be_linear
 from selfheal.recording import Recording
 from tests.support.recorded_robots import (
     NO_COMMAND,
@@ -54,7 +55,8 @@ def search(b: Bench) -> dict[tuple[str, str], np.ndarray]:
     candidates = [
         t for e in effects for t in e.propose_terms(b.robot) if can_be_linear(t)
     ]
-    fit = Search(motion, build_nominal_terms(b.robot), candidates).run()
+    start = start_fit(TorqueBalance(motion), build_nominal_terms(b.robot))
+    fit = Search(start, candidates).run()
     each = zip(fit.named, fit.named_values, strict=True)
     return {(t.effect.name, t.targets[0]): values for t, values in each}
 

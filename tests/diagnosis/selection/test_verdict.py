@@ -15,7 +15,7 @@ from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
 from selfheal.diagnosis.selection.verdict import (
     is_replay_off,
-    makes_replay_worse,
+    predicts_worse,
     removes_too_little,
     withhold_verdict,
 )
@@ -65,30 +65,31 @@ def test_a_replay_that_decides_nothing_refutes_no_name_that_segments_support(
     assert little(0.2) == (dry == 0.0)
 
 
-@pytest.fixture(scope="module")
-def dry_pendulum(tmp_path_factory):
-    """A pendulum with dry friction of 0.05 N m."""
-    return _bench_with_friction("pendulum", tmp_path_factory.mktemp("dry"), 0.05)
+def _make_scores(*horizons: tuple[float, float, float, float]) -> SimpleNamespace:
+    """Errors of the model as given, re-fitted, patched, and the floor, by horizon."""
+    names = ("given", "refit", "patched", "floor")
+    each = [dict(zip(names, h, strict=True)) for h in horizons]
+    others = tuple(SimpleNamespace(numbers=h) for h in each)
+    return SimpleNamespace(numbers=each[0], horizons=others)
 
 
 @pytest.mark.parametrize(
-    "value, patched, worse",
-    [(0.025, 0.2, False), (0.025, 0.3, True), (0.05, 0.3, False),
-     (0.05, np.inf, True), (0.05, np.nan, True), (0.05, 0.7, True)],
-)  # fmt: skip
-def test_a_worse_replay_refutes_what_segments_do_not_support(
-    value, patched, worse, dry_pendulum
-):
-    """Half of the friction explains about half of the error, all of it nearly all."""
-    naming = _make_hypothesis(dry_pendulum, value)
-    proof = SimpleNamespace(numbers={"refit": 0.2, "patched": patched})
-    case = SimpleNamespace(held_out=dry_pendulum.simulator)
-    assert makes_replay_worse(case, naming, proof) is worse
-
-
-def test_a_replay_that_diverges_stands_beside_no_other_that_does():
-    proof = SimpleNamespace(numbers={"refit": np.inf, "patched": np.inf})
-    assert makes_replay_worse(None, None, proof)
+    "horizons, is_worse",
+    [
+        ([(0.3, 0.2, 0.1, 0.01)], False),
+        ([(0.3, 0.2, 0.205, 0.01)], False),
+        ([(0.3, 0.2, 0.22, 0.01)], True),
+        ([(0.2, 0.3, 0.22, 0.01)], True),
+        ([(0.2, 0.3, 0.22, 0.22)], False),
+        ([(0.3, 0.2, 0.1, 0.01), (0.4, 0.5, 0.45, 0.01)], True),
+        ([(0.3, 0.2, np.inf, 0.01)], True),
+        ([(0.3, 0.2, np.nan, 0.01)], True),
+        ([(np.inf, np.inf, np.inf, 0.01)], False),
+    ],
+)
+def test_what_predicts_worse_over_any_horizon_is_known(horizons, is_worse):
+    scores = _make_scores(*horizons)
+    assert predicts_worse(scores, "patched", ("given", "refit")) is is_worse
 
 
 def _is_off(b, floor: float, off=()) -> bool:
