@@ -28,9 +28,8 @@ _STAGES = {
 }
 _MEANS = (
     "Normalized error on held-out recordings; 1 is as far off as a constant. given: "
-    "the model as it is; refit: what it states, fitted anew; plain: with all usual "
-    "effects of drives, none of them chosen; patched: with the findings; floor: what "
-    "noise alone leaves."
+    "the model as it is; refit: what it states, fitted anew; patched: with the "
+    "findings; floor: what noise alone leaves."
 )
 
 
@@ -183,7 +182,7 @@ def _print_fit(fit: Mapping[str, Any]) -> None:
         share = "\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %"
         return [label, *(format_short(errors.get(key)) for key in keys), share]
 
-    keys = ("given", "refit", "plain", "patched", "floor")
+    keys = ("given", "refit", "patched", "floor")
     rows = [make_row("held-out error", fit)]
     rows += [make_row(format_horizon(h), h) for h in fit.get("horizons", ())]
     print_table(("", *keys, "explainable removed"), rows)

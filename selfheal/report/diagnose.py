@@ -183,7 +183,6 @@ def _make_errors_section(diagnosis: Diagnosis) -> Section:
     rows = {
         "model as given": "given",
         "what it states, re-fitted": "refit",
-        "with all usual effects of drives": "plain",
         "with the findings": "patched",
         "floor": "floor",
     }

@@ -360,16 +360,16 @@ def format_held_out(signals: Sequence[SignalFit]) -> Html:
 
 def format_horizons(horizons: Sequence[Mapping[str, Any]]) -> Html:
     """A row for each length of replayed segments: errors, and what is removed."""
-    head = ["replayed", "as given", "re-fitted", "with all usual effects"]
+    head = ["replayed", "as given", "re-fitted"]
     head += ["with the findings", "floor", "explainable removed"]
     rows = []
     for horizon in horizons:
-        keys = ("given", "refit", "plain", "patched", "floor")
+        keys = ("given", "refit", "patched", "floor")
         errors = [format_short(horizon.get(key)) for key in keys]
         removed = parse_number(horizon.get("explainable_removed"))
         share = format_percent(removed) if isfinite(removed) else _DASH
         rows.append([format_horizon(horizon), *errors, share])
-    return make_table(head, rows, "lrrrrrr")
+    return make_table(head, rows, "lrrrrr")
 
 
 def format_horizon(horizon: Mapping[str, Any]) -> str:

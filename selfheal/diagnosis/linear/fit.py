@@ -316,7 +316,6 @@ def invert(curvature: Floats) -> Floats:
     diagonal = np.diag(curvature)
     is_felt = diagonal > np.finfo(float).tiny
     size = np.where(is_felt, 1 / np.sqrt(np.where(is_felt, diagonal, 1.0)), 0.0)
-    scaled = curvature * size * size[:, None]
-    return (
-        np.linalg.inv(scaled + INVERSE_RIDGE * np.eye(len(size))) * size * size[:, None]
-    )
+    scaled = curvature * size * size[:, None] + INVERSE_RIDGE * np.eye(len(size))
+    inverse: Floats = np.linalg.inv(scaled) * size * size[:, None]
+    return inverse

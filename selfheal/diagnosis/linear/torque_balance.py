@@ -118,7 +118,7 @@ class TorqueBalance:
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""
         values = errors.values.reshape(-1, self.motion.width)
-        return whiten(values, errors.noise, errors.volume)
+        return whiten(values, errors.noise, float(errors.volume))
 
     def thin(self, share: float) -> "tuple[TorqueBalance, np.ndarray]":
         """The balance in so many times fewer windows, and their numbers (r)."""
