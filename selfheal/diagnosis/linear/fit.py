@@ -106,19 +106,24 @@ class LinearFit:
         bound = np.full(len(self.values) - self.count, NUISANCE_BOUND)
         return np.append(low, -bound), np.append(high, bound), np.append(scale, bound)
 
-    @cached_property
-    def quadratic_model(self) -> tuple[Floats, Floats]:
-        """Curvature (P + K, P + K) and gradient (P + K) of the cost.
+    @property
+    def prior_model(self) -> tuple[Floats, Floats]:
+        """Curvature (P + K, P + K) and gradient (P + K) of the prior and the volume.
 
-        That of minus the volume is the square of its gradient, as of the logarithm of
-        a single inertia.
+        Those of minus the volume are as of the logarithm of a single inertia.
         """
         precision, mean = self._prior
-        j = self.whitening.apply(self.jacobian.values)
         v = self.jacobian.volume
+        h = np.diag(precision) + np.outer(v, v) / self.rows
+        return h, precision * (self.values - mean) - v
+
+    @cached_property
+    def quadratic_model(self) -> tuple[Floats, Floats]:
+        """Curvature (P + K, P + K) and gradient (P + K) of the cost."""
+        j = self.whitening.apply(self.jacobian.values)
         e = (self.whitening.weights * self.whitening.errors).ravel()
-        h = j @ j.T + np.diag(precision) + np.outer(v, v) / self.rows
-        return h, j @ e + precision * (self.values - mean) - v
+        h, g = self.prior_model
+        return h + j @ j.T, g + j @ e
 
     def at(self, values: Floats, terms: Sequence[Term] | None = None) -> "LinearFit":
         """The fit at other values (P + K), perhaps of other terms."""
@@ -317,5 +322,4 @@ def invert(curvature: Floats) -> Floats:
     is_felt = diagonal > np.finfo(float).tiny
     size = np.where(is_felt, 1 / np.sqrt(np.where(is_felt, diagonal, 1.0)), 0.0)
     scaled = curvature * size * size[:, None] + INVERSE_RIDGE * np.eye(len(size))
-    inverse: Floats = np.linalg.inv(scaled) * size * size[:, None]
-    return inverse
+    return np.asarray(np.linalg.inv(scaled) * size * size[:, None])

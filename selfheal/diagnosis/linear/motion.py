@@ -18,6 +18,7 @@ from .weak_form import average_derivative
 
 NOISE_WINDOWS = 1000  # of which noise is drawn: its variance is known within 5 %
 ROUNDING_SHARE = 1e-9  # of variances, which keeps their logarithms finite
+CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
@@ -76,6 +77,7 @@ class MeasuredMotion:
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
     _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
     _parts: dict[bytes, "MeasuredMotion"] = field(default_factory=dict)
+    _doubts: dict[str, Floats] = field(default_factory=dict)
 
     @cached_property
     def dofs(self) -> np.ndarray:
@@ -281,6 +283,13 @@ def _read_joints(
             own = change.get("gain", 1.0)
             (fast, turn), faith = _average_all(motion, velocity, change, (0, 1))
             mismatch.append(own * (fast - mean[1]))
+            doubt = motion._doubts.setdefault(velocity.name, _measure_doubt(
+                (speed - v, variance[:, 1] + other[:, 0]),
+                (slope - a, variance[:, 2] + other[:, 1]),
+                (fast - mean[1], spread[1] + faith[0]),
+                (turn - mean[2], spread[2] + faith[1]),
+            ))  # fmt: skip
+            other, faith = other[:, :2] + doubt[:2], faith + doubt[2:, None]
             v = _combine(v, variance[:, 1], speed, other[:, 0])
             a = _combine(a, variance[:, 2], slope, other[:, 1])
             mean[1] = _combine(mean[1], spread[1], fast, faith[0])
@@ -302,6 +311,18 @@ def _read_joints(
         gain,
         np.stack(mismatch, axis=1) if mismatch else np.zeros((count, 0)),
     )
+
+
+def _measure_doubt(*each: tuple[Floats, Floats]) -> Floats:
+    """Variances of what a sensor of velocity says beside its noise, by positions.
+
+    It may be late, or filtered: then positions tell the motion.
+
+    Args:
+        each: differences, and their variances by noise.
+    """
+    found = [np.nanmedian(x**2) / CHI_SQUARE_MEDIAN - np.nanmedian(v) for x, v in each]
+    return np.maximum(found, 0.0)
 
 
 def _average_all(

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, is_distinct
+from .cross_validation import compute_gains
 from .errors import Direction, propose_directions
 from .fit import (
     LinearFit,
@@ -25,6 +26,7 @@ RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 TRIED = 5  # moves that are fitted in vain, or beyond the best one
 FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
 MOST_EFFECTS = 60
+STANDARD_ERRORS = 1.0  # over blocks, by which a move has to predict them better
 
 Progress = Callable[[str, float], None]
 
@@ -188,6 +190,10 @@ class Search:
             is_small = all(
                 d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
             )
+            gains = compute_gains(fit, tried)
+            spread = gains.std(ddof=1) * np.sqrt(len(gains))
+            if not gains.sum() > STANDARD_ERRORS * spread:
+                net = -np.inf
             if net < 0 or is_small:
                 self._excluded.add(name_move(move))
             if net > best and not is_small:

@@ -59,7 +59,7 @@ def search_linear_model(
             shown = [t for t in state.candidates if can_be_linear(t)]
             hidden = [t for t in state.candidates if not can_be_linear(t)]
             state = _search(state, start, shown, longer, rng, record)
-            rounds = [hidden, state.candidates]
+            rounds = [hidden]
     for candidates in rounds:
         if state.named and state.is_explained:
             break
