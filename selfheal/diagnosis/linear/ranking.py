@@ -24,7 +24,8 @@ def name_move(move: Move) -> str:
     """What tells a move from others, whatever its initial values."""
     if len(move) == 1:
         return str(move[0].term.key)
-    return f"{move[0].term.effect.name} at {len(move)} places"
+    effects = dict.fromkeys(d.term.effect.name for d in move)
+    return f"{', '.join(effects)} at {len(move)} places"
 
 
 @dataclass(frozen=True, eq=False)

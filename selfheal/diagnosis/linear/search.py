@@ -65,7 +65,7 @@ class Search:
             new = self._select(self._directions)
             if new is not None:
                 before = {t.key for t in self.fit.named}
-                self.fit, is_fresh = self._eliminate(new), False
+                self.fit, is_fresh = new, False
                 gone = before - {t.key for t in self.fit.named}
                 self._excluded |= {str(key) for key in gone}
             elif is_fresh:
@@ -183,12 +183,14 @@ class Search:
         for _, move, coordinates in ranked:
             if most[id(move)] < best or worse == TRIED:
                 break
-            tried = add_terms(fit, move, coordinates)
+            tried = self._eliminate(add_terms(fit, move, coordinates))
             share, rows = self._independence(tried)
-            net = share * (fit.cost - tried.cost) - self._sum_penalties(move, rows)
-            values = tried.named_values[len(fit.named) :]
+            net = share * (fit.cost - tried.cost)
+            net -= sum(self._penalty(t, rows) for t in tried.named)
+            net += sum(self._penalty(t, rows) for t in fit.named)
             is_small = all(
-                d.term.is_negligible(v) for d, v in zip(move, values, strict=True)
+                t in fit.named or t.is_negligible(v)
+                for t, v in zip(tried.named, tried.named_values, strict=True)
             )
             gains = compute_gains(fit, tried)
             spread = gains.std(ddof=1) * np.sqrt(len(gains))
@@ -211,27 +213,29 @@ class Search:
 
     def _eliminate(self, fit: LinearFit) -> LinearFit:
         """The fit without terms whose removal costs less than their penalty."""
-        self.fit, needed = fit, set[tuple]()
+        needed: set[tuple] = set()
         while True:
-            removed, least = self._plan_removal(needed)
+            removed, least = self._plan_removal(fit, needed)
             if not removed:
-                return self.fit
+                return fit
             while removed:
-                less = remove_terms(self.fit, removed)
-                lost = less.cost - self.fit.cost
+                less = remove_terms(fit, removed)
+                lost = less.cost - fit.cost
                 if lost <= least[len(removed) - 1]:
-                    self.fit = less
+                    fit = less
                     break
                 if len(removed) == 1:
-                    needed.add(self.fit.terms[removed[0]].key)
+                    needed.add(fit.terms[removed[0]].key)
                 removed = removed[: len(removed) // 2]
 
-    def _plan_removal(self, needed: set[tuple]) -> tuple[list[int], list[float]]:
+    def _plan_removal(
+        self, fit: LinearFit, needed: set[tuple]
+    ) -> tuple[list[int], list[float]]:
         """Numbers of terms to remove, and what the first ones of them may cost.
 
         To first order, all others refitted; the most needless first.
         """
-        fit, (share, rows) = self.fit, self._independence()
+        share, rows = self._independence(fit)
         inverse = invert(fit.quadratic_model[0])
         offsets = {}
         for i, t in list(enumerate(fit.terms))[fit.stated :]:
@@ -277,11 +281,14 @@ def _can_stand_beside(term: Term, named: Sequence[Term]) -> bool:
 
 
 def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
-    """What may be added: each direction, and a usual effect at all its places."""
+    """What may be added: each direction, a usual effect at all its places, and all."""
     open_directions = [d for d in directions if _can_stand_beside(d.term, fit.named)]
     groups: dict[str, dict[tuple, Direction]] = {}
     for d in open_directions:
         if d.term.effect.is_usual(d.term):
             groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
     moves: list[Move] = [(d,) for d in open_directions]
-    return moves + [tuple(g.values()) for g in groups.values() if len(g) > 1]
+    moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
+    if len(groups) > 1:
+        moves.append(tuple(d for g in groups.values() for d in g.values()))
+    return moves
