@@ -12,7 +12,7 @@ from .fit import LinearFit
 from .likelihood import Whitening
 
 BLOCKS = 24  # as many as a standard error needs; chosen
-RIDGE = 1e-7  # share of the diagonal: what a block alone tells stays where it is
+BLOCK_RIDGE = 1e-7  # share of the diagonal: what a block alone tells stays where it is
 
 
 def compute_gains(before: LinearFit, after: LinearFit) -> Floats:
@@ -41,7 +41,7 @@ def _predict_blocks(fit: LinearFit, whitening: Whitening) -> Floats:
     diagonal = np.diag(np.maximum(np.diag(whole), np.finfo(float).tiny))
     out = []
     for (j, e), h, g in zip(each, curvatures, gradients, strict=True):
-        step = -np.linalg.solve(whole - h + RIDGE * diagonal, slope - g)
+        step = -np.linalg.solve(whole - h + BLOCK_RIDGE * diagonal, slope - g)
         low, high, _ = fit.bounds
         step = np.clip(fit.values + step, low, high) - fit.values
         out.append(0.5 * float(((e + step @ j) ** 2).sum()))

@@ -40,7 +40,7 @@ def search_linear_model(
     """The state with the effects that linear models ask for, fitted and tested.
 
     By the balance of torques where all joints are read often. By predictions of
-    segments else, and where that leaves more than noise: of what it cannot show first.
+    segments else, and for what it cannot show where it leaves more than noise.
 
     Args:
         state: in which nothing has a name.
@@ -50,24 +50,21 @@ def search_linear_model(
     """
     simulator, problem = state.problem.simulator, state.problem
     stated = state.best.fit.terms[: state.nominal_count]
-    rounds = [state.candidates]
+    left = state.candidates
     if is_measured(simulator):
         record("measuring accelerations", 0.0)
         motion = measure_motion(simulator.native, rng)
         if len(motion.windows) >= MIN_WINDOWS:
             start = start_fit(TorqueBalance(motion), stated)
             shown = [t for t in state.candidates if can_be_linear(t)]
-            hidden = [t for t in state.candidates if not can_be_linear(t)]
+            left = [t for t in state.candidates if not can_be_linear(t)]
             state = _search(state, start, shown, longer, rng, record)
-            rounds = [hidden]
-    for candidates in rounds:
-        if state.named and state.is_explained:
-            break
-        record("predicting segments", 0.0)
-        values = state.best.fit.values
-        start = start_fit(SegmentErrors(problem), stated, state.named, values)
-        state = _search(state, start, candidates, longer, rng, record)
-    return state
+    if (state.named and state.is_explained) or not left:
+        return state
+    record("predicting segments", 0.0)
+    values = state.best.fit.values
+    start = start_fit(SegmentErrors(problem), stated, state.named, values)
+    return _search(state, start, left, longer, rng, record)
 
 
 def _search(
