@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects.base import Term
+from ..effects.base import Term, implements
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -40,7 +40,7 @@ def search_linear_model(
     """The state with the effects that linear models ask for, fitted and tested.
 
     By the balance of torques where all joints are read often. By predictions of
-    segments else, and for what it cannot show where it leaves more than noise.
+    segments else, and where it leaves more than noise for what adds a joint.
 
     Args:
         state: in which nothing has a name.
@@ -57,7 +57,7 @@ def search_linear_model(
         if len(motion.windows) >= MIN_WINDOWS:
             start = start_fit(TorqueBalance(motion), stated)
             shown = [t for t in state.candidates if can_be_linear(t)]
-            left = [t for t in state.candidates if not can_be_linear(t)]
+            left = [t for t in state.candidates if implements(t.effect, "edit_spec")]
             state = _search(state, start, shown, longer, rng, record)
     if (state.named and state.is_explained) or not left:
         return state
