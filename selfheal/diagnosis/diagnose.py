@@ -25,6 +25,7 @@ from .selection.change_point import (
     set_onset,
 )
 from .selection.holdout import (
+    choose_hypothesis,
     drop_refuted,
     keep_predictive,
 )
@@ -111,7 +112,9 @@ def diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
-    hypothesis = _choose_effects(dataset, problem, state, rng, record, is_over)
+    hypothesis = choose_hypothesis(
+        dataset, _choose_effects(dataset, problem, state, rng, record, is_over)
+    )
     is_stopped = bool(record.stopped)  # before the search was through
     effects = {t.effect.name for t in state.candidates}
     untried = record.list_untried(state.candidates)
@@ -201,8 +204,8 @@ def _choose_effects(
     rng: np.random.Generator,
     record: SearchRecord,
     is_over: Callable[[float], bool],
-) -> Hypothesis:
-    """Stage 3: a hypothesis of what is missing.
+) -> list[Hypothesis]:
+    """Stage 3: one or several hypotheses of what is missing.
 
     Where time is over, what the search found so far.
 

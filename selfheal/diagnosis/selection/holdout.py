@@ -45,6 +45,13 @@ from .settings import SELECTION
 Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
+def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """The hypothesis that predicts held-out episodes best."""
+    if len(hypotheses) == 1:
+        return hypotheses[0]
+    return hypotheses[int(np.argmin(_held_out_errors(dataset, hypotheses)))]
+
+
 def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
     """Held-out squared error [1] of each, with the weights of the first one.
 

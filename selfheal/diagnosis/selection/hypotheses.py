@@ -12,7 +12,6 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
-from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from .change_point import locate_change_point, set_onset
 from .cross_validation import ScoredFit, fit_and_score
@@ -29,6 +28,7 @@ from .search_record import SearchRecord
 from .search_state import SearchState, start_state
 from .settings import SELECTION
 from .stepwise import search_forward, vet_untested
+from .whole_drives import search_backward
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ def name_effects(
     *,
     rng: np.random.Generator,
     record: SearchRecord,
-) -> Hypothesis:
+) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
     By linear models; of poses and in contact by a stepwise search in simulations.
@@ -131,19 +131,19 @@ def name_effects(
         record: of what was tried and found.
     """
     if problem.regime.has_single_readings:  # poses do not show what most robots have
-        return _finish_search(search_forward(start, rng, record), problem)
+        return [_finish_search(search_forward(start, rng, record), problem)]
     steps = _count_search_steps(start.nominal_count)
     if any(t.onset for t in start.candidates):  # it is where a segment begins
         longer = longer[:1]
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
-        return _finish_search(start, problem)
+        return [_finish_search(start, problem)]
     if problem.regime.has_rough_cost:
-        found = _search_to_end(start, longer, rng, record)
+        found = [_search_to_end(start, longer, rng, record)]
     else:
         found = _search_smooth(start, longer, rng, record)
-    return _finish_search(found, problem)
+    return [_finish_search(state, problem) for state in found]
 
 
 def finish_early(
@@ -151,7 +151,7 @@ def finish_early(
     start: SearchState,
     problem: Problem,
     rng: np.random.Generator,
-) -> Hypothesis:
+) -> list[Hypothesis]:
     """What a search that was stopped had found, with all of its names tested.
 
     Args:
@@ -160,7 +160,7 @@ def finish_early(
         problem: all segments that may be used.
         rng: draws resamples.
     """
-    return _finish_search(vet_untested(record.state or start, rng), problem)
+    return [_finish_search(vet_untested(record.state or start, rng), problem)]
 
 
 def _search_smooth(
@@ -168,11 +168,11 @@ def _search_smooth(
     longer: Sequence[Problem],
     rng: np.random.Generator,
     record: SearchRecord,
-) -> SearchState:
+) -> list[SearchState]:
     """Search by linear models; where these leave more than noise, by simulations too.
 
-    What the robot has that no effect describes misleads each search in its own way, so
-    that the one counts that leaves less.
+    One adds effects to none, one takes them from all usual ones. What no effect
+    describes misleads each in its own way; held-out episodes are to decide.
 
     Args:
         start: state in which nothing has a name yet; its candidates may set in.
@@ -183,20 +183,13 @@ def _search_smooth(
     always = start.with_candidates(set_onset(start.candidates, None))
     found = search_linear_model(always, longer, rng, record)
     if found.is_explained:
-        return found
+        return [found]
     others = [found, _search_to_end(start, longer, rng, record)]
+    if drives := search_backward(always, longer, rng, record):
+        others.append(drives)
     if any(t.onset for t in start.candidates):
         others.append(search_linear_model(start, longer, rng, record))
-    left = [_measure_error(start.problem, state) for state in others]
-    return others[int(np.argmin(left))]
-
-
-def _measure_error(problem: Problem, state: SearchState) -> float:
-    """Squared residuals [1] of a state in a problem's segments."""
-    fit = state.best.fit
-    problem = marginalize_initial_states(problem, fit.terms, fit.values)
-    residuals = problem.residuals_at(fit.terms, fit.values)
-    return float(residuals @ residuals)
+    return others
 
 
 def _search_to_end(

@@ -187,6 +187,10 @@ class SelectionSettings:
     """Share by which the error may grow where an effect is removed. Chosen: as much as
     a name must remove where nothing touches (`Regime.min_gain`)."""
 
+    sweeps_of_initial_values: int = 2
+    """Times that each effect of all joints chooses its initial values. Chosen: the
+    second time beside those of all others."""
+
     reweightings_of_all: int = 2
     """Fits of all usual effects with weights set anew. Chosen: errors fall by a hundred
     in the first, and hardly in a third."""
