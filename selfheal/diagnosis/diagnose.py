@@ -112,9 +112,7 @@ def diagnose(
                 model, recordings, held_out=later, seed=seed, memory=memory,
                 progress=progress, is_over=is_over, findings_only=findings_only,
             )  # fmt: skip
-    hypothesis = choose_hypothesis(
-        dataset, _choose_effects(dataset, problem, state, rng, record, is_over)
-    )
+    hypothesis = _choose_effects(dataset, problem, state, rng, record, is_over)
     is_stopped = bool(record.stopped)  # before the search was through
     effects = {t.effect.name for t in state.candidates}
     untried = record.list_untried(state.candidates)
@@ -204,8 +202,8 @@ def _choose_effects(
     rng: np.random.Generator,
     record: SearchRecord,
     is_over: Callable[[float], bool],
-) -> list[Hypothesis]:
-    """Stage 3: one or several hypotheses of what is missing.
+) -> Hypothesis:
+    """Stage 3: a hypothesis of what is missing; held-out episodes choose of several.
 
     Where time is over, what the search found so far.
 
@@ -221,10 +219,11 @@ def _choose_effects(
     counter = problem.simulator.counter
     try:
         with counter.limit(lambda: is_over(SEARCH_SHARE)):
-            return name_effects(state, problem, longer, rng=rng, record=record)
+            found = name_effects(state, problem, longer, rng=rng, record=record)
     except OutOfTime:
         record.stop()
-        return finish_early(record, state, problem, rng)
+        found = finish_early(record, state, problem, rng)
+    return choose_hypothesis(dataset, found)
 
 
 def _fit_last(
