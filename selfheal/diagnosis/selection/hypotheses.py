@@ -181,14 +181,17 @@ def _search_smooth(
         record: of what was tried and found.
     """
     always = start.with_candidates(set_onset(start.candidates, None))
+    dated = None
+    if any(t.onset for t in start.candidates):
+        dated = _search_to_end(start, longer, rng, record)
+        if dated.is_explained:
+            return [dated]
     found = search_linear_model(always, longer, rng, record)
     if found.is_explained:
         return [found]
-    others = [found, _search_to_end(start, longer, rng, record)]
+    others = [found, dated or _search_to_end(start, longer, rng, record)]
     if drives := search_backward(always, longer, rng, record):
         others.append(drives)
-    if any(t.onset for t in start.candidates):
-        others.append(search_linear_model(start, longer, rng, record))
     return others
 
 

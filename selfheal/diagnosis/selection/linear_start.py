@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects.base import Term, implements
+from ..effects.base import Term
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -39,8 +39,8 @@ def search_linear_model(
 ) -> SearchState:
     """The state with the effects that linear models ask for, fitted and tested.
 
-    By the balance of torques where all joints are read often. By predictions of
-    segments else, and where it leaves more than noise for what adds a joint.
+    By the balance of torques where all joints are read often, by predictions of
+    segments else.
 
     Args:
         state: in which nothing has a name.
@@ -50,21 +50,20 @@ def search_linear_model(
     """
     simulator, problem = state.problem.simulator, state.problem
     stated = state.best.fit.terms[: state.nominal_count]
-    left = state.candidates
     if is_measured(simulator):
         record("measuring accelerations", 0.0)
         motion = measure_motion(simulator.native, rng)
         if len(motion.windows) >= MIN_WINDOWS:
             start = start_fit(TorqueBalance(motion), stated)
             shown = [t for t in state.candidates if can_be_linear(t)]
-            left = [t for t in state.candidates if implements(t.effect, "edit_spec")]
             state = _search(state, start, shown, longer, rng, record)
-    if (state.named and state.is_explained) or not left:
-        return state
+            if state.named and state.is_explained:  # nothing is left for others
+                record.add_tried(state.candidates)
+            return state
     record("predicting segments", 0.0)
     values = state.best.fit.values
     start = start_fit(SegmentErrors(problem), stated, state.named, values)
-    return _search(state, start, left, longer, rng, record)
+    return _search(state, start, state.candidates, longer, rng, record)
 
 
 def _search(
