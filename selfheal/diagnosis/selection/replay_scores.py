@@ -14,7 +14,6 @@ from ..data.segments import Segments
 from ..effects.base import Term
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
-from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.multiple_shooting import build_initial_state_offsets
 from ..estimation.settings import FIT
 from ..simulation import score
@@ -26,10 +25,8 @@ from ..simulation.dataset import (
 )
 from .hypotheses import Hypothesis
 from .quantization import append_step
-from .refine import refit_native_timestep
-from .screening import draw_segments
 from .settings import SELECTION
-from .stated_values import round_stated
+from .stated_values import fit_native_timestep, round_stated
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
 
@@ -80,9 +77,7 @@ class HeldOutScores:
         fits = {"refit": hypothesis.nominal.fit}
         if hypothesis.named:
             fits["patched"] = hypothesis.final.fit
-        refits = {
-            name: refit_native_timestep(_select_some(fit)) for name, fit in fits.items()
-        }
+        refits = {name: fit_native_timestep(fit) for name, fit in fits.items()}
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(fits.get("patched", fits["refit"]))
         refits["patched"] = round_stated(whole, errors)
@@ -128,13 +123,6 @@ class HeldOutScores:
         )
         horizons = _score_horizons(dataset, models, patched)
         return cls(refits, segments, count, squares, numbers, horizons)
-
-
-def _select_some(fit: Fit) -> LinearizedFit:
-    """A fit in as many of its segments as a native fit is made in."""
-    rng = np.random.default_rng(3)
-    some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
-    return LinearizedFit.from_fit(fit).select(some)
 
 
 def _score_horizons(

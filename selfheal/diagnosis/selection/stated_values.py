@@ -18,6 +18,7 @@ from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
+from .screening import draw_segments
 from .settings import SELECTION
 
 
@@ -71,8 +72,8 @@ def restore_stated(hypothesis: Hypothesis) -> Hypothesis:
     """Give back to the model what the data do not contradict, with all else refitted.
 
     A stated value returns if what the model states lies in its interval, given what has
-    returned before. It also returns from a bound, where the data ask for something
-    else. What costs least comes first.
+    returned before; in continuous time, or as MuJoCo steps the model. It also returns
+    from a bound, where the data ask for something else. What costs least comes first.
     """
     fit = hypothesis.final.fit
     final = ScoredFit.from_fit(_restore(fit))
@@ -85,10 +86,33 @@ def restore_stated(hypothesis: Hypothesis) -> Hypothesis:
 def _restore(fit: Fit) -> Fit:
     """The fit with stated values that have returned, as `restore_stated` has it."""
     half = FIT.interval_factor * FIT.interval_standard_errors * standard_errors(fit)
-    restored = _find_restorable(LinearizedFit.from_fit(fit), half)
+    each = LinearizedFit.from_fit(fit), fit_native_timestep(fit)
+    restored = np.union1d(*(_find_restorable(base, half) for base in each))
     if not restored.size:
         return fit
     return replace(_fit_restored(fit, restored, 3), terms=fit.terms)
+
+
+def fit_native_timestep(fit: Fit) -> LinearizedFit:
+    """Fit stated values to the model's own time step; what is known keeps its value.
+
+    This is what a user sees who replays the model: half a step early, and with another
+    damping than in continuous time. A fit in continuous time gives the effects' truth.
+
+    Args:
+        fit: in continuous time.
+
+    Returns:
+        The fit in some of the same segments, stepped as MuJoCo does.
+    """
+    rng = np.random.default_rng(3)
+    some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
+    part = LinearizedFit.from_fit(fit).select(some).fit
+    best = fit_parameters(
+        part.problem.native, fix_known(part), part.values, iterations=2,
+        jacobian=part.jacobian,
+    )  # fmt: skip
+    return LinearizedFit.from_fit(replace(best, terms=part.terms))
 
 
 def round_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
