@@ -295,7 +295,7 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
     scores = HeldOutScores.compute(dataset, hypothesis)
-    is_worse = predicts_worse(scores, "patched", ("given", "refit"))
+    is_worse = predicts_worse(scores, ("given", "refit"))
     if hypothesis.named and (
         is_worse or removes_too_little(dataset, hypothesis, scores)
     ):
@@ -304,7 +304,7 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
         hypothesis, verdict = decide_verdict(drop_names(hypothesis), structure)
         verdict = "unlisted" if is_worse else verdict
         scores = HeldOutScores.compute(dataset, hypothesis)
-    if not hypothesis.named and predicts_worse(scores, "patched", ("given",)):
+    if not hypothesis.named and predicts_worse(scores, ("given",)):
         hypothesis = return_to_given(hypothesis)
         scores = HeldOutScores.compute(dataset, hypothesis)
     tested = _Tested(hypothesis, verdict, scores, structure, refuted)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from ...recording import find_output
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Effect, StepState, Term, implements
@@ -14,6 +13,7 @@ from ..simulation.batch import (
     BatchState,
     Hypotheses,
     allow_divergence,
+    compute_servo_impedance,
     find_diverged,
     make_batch,
 )
@@ -65,7 +65,6 @@ def compute_accelerations(
             then velocities [rad or m, and per s].
         in_steps: whether they are the change of velocity in a step of the simulation,
             over its length, rather than those of continuous time.
-
     """
     values = np.atleast_2d(values)
     model = simulator.compiler.nominal
@@ -92,16 +91,11 @@ def compute_accelerations(
 
 def _find_impedance(model) -> Floats:
     """(nv, 2) stiffness and damping of joints, with those of their servos."""
-    out = np.zeros((model.nv, 2))
-    out[:, 1] = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+    out = compute_servo_impedance(model)
+    out[:, 1] += np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
     for j in range(model.njnt):
         stiffness = np.ravel(np.array(model.jnt_stiffness[j]))[0]
         out[model.jnt_dofadr[j], 0] += stiffness
-    for a in range(model.nactuator):
-        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
-            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
-            gear = model.actuator_gear[find_output(model, a), 0]
-            out[dof] -= gear**2 * model.actuator_biasprm[a, 1:3]
     return out
 
 

@@ -8,11 +8,9 @@ that only what helps in most of them is worth a name.
 import numpy as np
 
 from ...recording.data import Floats
-from .fit import LinearFit
+from ..estimation.settings import FIT
+from .fit import DAMPING, LinearFit
 from .likelihood import Whitening
-
-BLOCKS = 24  # as many as a standard error needs; chosen
-BLOCK_RIDGE = 1e-7  # share of the diagonal: what a block alone tells stays where it is
 
 
 def compute_gains(before: LinearFit, after: LinearFit) -> Floats:
@@ -32,17 +30,17 @@ def _predict_blocks(fit: LinearFit, whitening: Whitening) -> Floats:
     count = len(whitening.errors)
     errors = whitening.apply(fit.errors.values).reshape(count, -1)
     slopes = whitening.apply(fit.jacobian.values).reshape(-1, *errors.shape)
-    parts = np.array_split(np.arange(count), min(BLOCKS, count))
+    parts = np.array_split(np.arange(count), min(FIT.max_blocks, count))
     each = [(slopes[:, p].reshape(len(slopes), -1), errors[p].ravel()) for p in parts]
     curvatures = np.array([j @ j.T for j, _ in each])
     gradients = np.array([j @ e for j, e in each])
     prior, pull = fit.prior_model
     whole, slope = curvatures.sum(axis=0) + prior, gradients.sum(axis=0) + pull
     diagonal = np.diag(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    low, high, _ = fit.bounds
     out = []
     for (j, e), h, g in zip(each, curvatures, gradients, strict=True):
-        step = -np.linalg.solve(whole - h + BLOCK_RIDGE * diagonal, slope - g)
-        low, high, _ = fit.bounds
+        step = -np.linalg.solve(whole - h + DAMPING * diagonal, slope - g)
         step = np.clip(fit.values + step, low, high) - fit.values
         out.append(0.5 * float(((e + step @ j) ** 2).sum()))
     return np.array(out)

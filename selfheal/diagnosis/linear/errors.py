@@ -4,9 +4,9 @@ An error model says how far hypotheses miss what was read: by the balance of tor
 (`torque_balance`), or by predictions of segments (`segment_errors`).
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -38,21 +38,25 @@ class Errors:
     noise: Floats | None = None
 
 
-class ErrorModel(Protocol):
+class ErrorModel(ABC):
     """What a linear fit asks of the errors of hypotheses."""
 
     @property
+    @abstractmethod
     def derivative_step(self) -> float:
         """Of a derivative by a parameter [scales]."""
 
     @property
+    @abstractmethod
     def rows(self) -> int:
         """R, in order of time."""
 
     @property
+    @abstractmethod
     def screening_share(self) -> float:
         """How many times as many rows there are as candidates are first tried in."""
 
+    @abstractmethod
     def compute_errors(self, terms: Sequence[Term], values: Floats) -> Errors:
         """Errors of n hypotheses with values (n, P) [units of the parameters]."""
 
@@ -66,7 +70,10 @@ class ErrorModel(Protocol):
             values: (n, P) of all of them [units of the parameters].
             errors: without that term.
         """
+        found = self.compute_errors(terms, values)
+        return Errors(found.values - errors.values, found.volume - errors.volume)
 
+    @abstractmethod
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
@@ -78,14 +85,17 @@ class ErrorModel(Protocol):
             errors: with them.
         """
 
+    @abstractmethod
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""
 
+    @abstractmethod
     def thin(self, share: float) -> "tuple[ErrorModel, np.ndarray]":
         """A model with so many times fewer rows, and their numbers (r)."""
 
     def adapt(self, terms: Sequence[Term], values: Floats) -> "ErrorModel":
-        """The model made for a hypothesis with values (P)."""
+        """The model made for a hypothesis with values (P), if it hangs on one."""
+        return self
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from .errors import Direction
 from .fit import LinearFit, invert
 
 RANKED = 60  # moves whose likelihood is computed, those best by its curvature
-LEAST_VOLUME = -0.9  # change of log det M, in its first order
+LEAST_VOLUME = -0.9  # change of a row's volume, in its first order
 COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
 SOLVER_SHARE = 1e-9  # of the diagonal, that is added to it; below what values show
 BOUND_MARGIN = 1e-6  # scales from a bound within which a value is at it

@@ -16,14 +16,14 @@ from ..estimation.fit import Fit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..simulation.simulator import COMMAND_LATENESS
-from .errors import Errors
+from .errors import ErrorModel, Errors
 from .likelihood import Whitening, whiten
 
 SCREENED_SEGMENTS = 20  # in which all candidates are tried
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentErrors:
+class SegmentErrors(ErrorModel):
     """Residuals of predictions of segments, in their own standard deviations.
 
     Attributes:
@@ -60,19 +60,6 @@ class SegmentErrors:
         shares = [share for _, share in self.problem.marginal_bases]
         removed = np.log1p(-np.concatenate([*shares, np.zeros(0)])).sum()
         return float(removed - is_read.sum(axis=0) @ np.log(self.problem.sigma))
-
-    def compute_changes(
-        self, terms: Sequence[Term], values: Floats, errors: Errors
-    ) -> Errors:
-        """Changes of a hypothesis's errors by one more term, at n values.
-
-        Args:
-            terms: of the hypothesis, and the one that is added last.
-            values: (n, P) of all of them [units of the parameters].
-            errors: without that term.
-        """
-        found = self.compute_errors(terms, values)
-        return Errors(found.values - errors.values, found.volume - errors.volume)
 
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors

@@ -21,7 +21,7 @@ from .accelerations import (
     compute_applied_forces,
     is_force_law,
 )
-from .errors import Errors
+from .errors import ErrorModel, Errors
 from .likelihood import Whitening, whiten
 from .motion import MOMENTS_PER_WINDOW, MeasuredMotion, Readings
 
@@ -42,7 +42,7 @@ def can_be_linear(term: Term) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class TorqueBalance:
+class TorqueBalance(ErrorModel):
     """Errors by which hypotheses miss the motion that was read.
 
     Of each window, the balances of torques [N m or N] of J joints, and K mismatches of
@@ -54,8 +54,10 @@ class TorqueBalance:
 
     motion: MeasuredMotion
 
-    # of the scale of a parameter; its square is below rounding
-    derivative_step = 1e-2
+    @property
+    def derivative_step(self) -> float:
+        """Of a derivative by a parameter [scales]; its square is below rounding."""
+        return 1e-2
 
     @property
     def rows(self) -> int:
@@ -74,17 +76,10 @@ class TorqueBalance:
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of a hypothesis's errors by one more term, at n values.
-
-        Args:
-            terms: of the hypothesis, and the one that is added last.
-            values: (n, P) of all of them [units of the parameters].
-            errors: without that term.
-        """
+        """As of any error model; forces alone need no forward dynamics."""
         if is_force_law(terms[-1].effect) and not any(t.onset for t in terms):
             return _compute_forces(self.motion, terms, values)
-        found = self.compute_errors(terms, values)
-        return Errors(found.values - errors.values, found.volume - errors.volume)
+        return super().compute_changes(terms, values, errors)
 
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors
@@ -124,10 +119,6 @@ class TorqueBalance:
         """The balance in so many times fewer windows, and their numbers (r)."""
         rows = np.unique(np.arange(0, self.rows, share).astype(int))
         return TorqueBalance(self.motion.select(rows)), rows
-
-    def adapt(self, terms: Sequence[Term], values: Floats) -> "TorqueBalance":
-        """The balance itself, for motion was measured without any hypothesis."""
-        return self
 
 
 def compute_errors(

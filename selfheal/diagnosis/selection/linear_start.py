@@ -24,8 +24,7 @@ from .criteria import Claim
 from .cross_validation import ScoredFit
 from .lengthening import fit_longer
 from .search_record import SearchRecord
-from .search_state import SearchState, reweight_and_fit
-from .settings import SELECTION
+from .search_state import SearchState, reweight_and_fit, reweight_repeatedly
 from .stepwise import keep_significant, remove_and_exchange
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
@@ -128,9 +127,7 @@ def _fit_to_simulations(
     """
     terms, values = linear.terms, linear.values[: linear.count]
     problem = marginalize_initial_states(state.problem, terms, values)
-    fit = fit_parameters(problem, terms, values, iterations=4)
-    for _ in range(SELECTION.reweightings_of_all):
-        fit = reweight_and_fit(fit, 4, tries_multiples=False).fit
+    fit = reweight_repeatedly(fit_parameters(problem, terms, values, iterations=4), 4)
     record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_longer(fit, longer)
     state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))

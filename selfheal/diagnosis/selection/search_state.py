@@ -215,3 +215,17 @@ def reweight_and_fit(
     return fit_and_score(
         reweighted, fit.terms, start, iterations=iterations, jacobian=jacobian
     )
+
+
+def reweight_repeatedly(fit: Fit, iterations: int) -> Fit:
+    """The fit to its problem weighted by residuals that get smaller.
+
+    By the errors of the model as given one joint would outweigh all others.
+
+    Args:
+        fit: to begin with.
+        iterations: of Gauss-Newton in each problem, at most.
+    """
+    for _ in range(SELECTION.reweightings_of_all):
+        fit = reweight_and_fit(fit, iterations, tries_multiples=False).fit
+    return fit

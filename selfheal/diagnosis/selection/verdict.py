@@ -237,19 +237,18 @@ def limit_verdict(verdict: str, scores: HeldOutScores) -> str:
     return verdict
 
 
-def predicts_worse(scores: HeldOutScores, model: str, others: Sequence[str]) -> bool:
-    """Whether a model predicts held-out episodes worse than others over some horizon.
+def predicts_worse(scores: HeldOutScores, others: Sequence[str]) -> bool:
+    """Whether the patched model predicts worse than others over some horizon.
 
     By 5 %, and by more than the floor that noise leaves; or whether it diverges.
 
     Args:
         scores: of the models, by name.
-        model: "patched" or "refit".
         others: names of the others.
     """
     ratio = SELECTION.worse_replay_ratio
     return any(
-        not h[model] <= ratio * max(min(h[name] for name in others), h["floor"])
+        not h["patched"] <= ratio * max(min(h[name] for name in others), h["floor"])
         for h in (scores.numbers, *(h.numbers for h in scores.horizons))
         if np.isfinite(min(h[name] for name in others))
     )

@@ -20,7 +20,7 @@ from .backward import eliminate_backward, find_negligible
 from .cross_validation import ScoredFit
 from .lengthening import fit_longer
 from .search_record import SearchRecord
-from .search_state import SearchState, reweight_and_fit
+from .search_state import SearchState, reweight_and_fit, reweight_repeatedly
 from .settings import SELECTION
 from .stepwise import keep_significant, remove_and_exchange
 
@@ -59,7 +59,7 @@ def search_backward(
     fit = fit_parameters(
         fit.problem, fit.terms, fit.values, iterations=4, jacobian=fit.jacobian
     )
-    fit = _reweight_repeatedly(fit)
+    fit = reweight_repeatedly(fit, 6)
     record.keep(state.with_fit(ScoredFit.from_fit(fit)))
     fit = fit_longer(fit, longer)
     fit = _exchange_forms(fit, state.candidates)
@@ -91,7 +91,7 @@ def _fit_equal_drives(problem: Problem, usual: Sequence[Term]) -> Fit:
     """
     shared = share_values(usual)
     fit = fit_parameters(problem, shared, _search_initial_values(problem, shared))
-    return _reweight_repeatedly(fit)
+    return reweight_repeatedly(fit, 6)
 
 
 def _search_initial_values(problem: Problem, terms: Sequence[Term]) -> Floats:
@@ -117,16 +117,6 @@ def _find_best(problem: Problem, terms: Sequence[Term], points: Floats) -> int:
     """Which of the points (n, P) leaves the least."""
     residuals = problem.compute_residuals(terms, points)
     return int(np.argmin((residuals**2).sum(axis=1)))
-
-
-def _reweight_repeatedly(fit: Fit) -> Fit:
-    """The fit to its problem weighted by residuals that get smaller.
-
-    By the errors of the model as given one joint would outweigh all others.
-    """
-    for _ in range(SELECTION.reweightings_of_all):
-        fit = reweight_and_fit(fit, 6, tries_multiples=False).fit
-    return fit
 
 
 def _enrich_equal_drives(fit: Fit, candidates: Sequence[Term]) -> Fit:

@@ -82,12 +82,7 @@ def center_damping(model, step: float, inverse_inertias: Floats) -> None:
         step: of the simulation [s].
         inverse_inertias: (k, nv, nv) of the joints in k poses.
     """
-    motor = np.zeros(model.nv)
-    for a in range(model.nactuator):
-        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
-            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
-            gear = model.actuator_gear[find_output(model, a), 0]
-            motor[dof] -= gear**2 * model.actuator_biasprm[a, 2]
+    motor = compute_servo_impedance(model)[:, 1]
     joint = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
     explicit = int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
     if model.opt.integrator != int(mujoco.mjtIntegrator.mjINT_EULER):
@@ -98,6 +93,17 @@ def center_damping(model, step: float, inverse_inertias: Floats) -> None:
     change = step / 2 * (joint + motor)
     model.dof_armature += np.maximum(change, 0)
     model.dof_armature -= _limit_loss(np.maximum(-change, 0), inverse_inertias)
+
+
+def compute_servo_impedance(model) -> Floats:
+    """(nv, 2) stiffness and damping of the servos of each joint of a compiled model."""
+    out = np.zeros((model.nv, 2))
+    for a in range(model.nactuator):
+        if model.actuator_trntype[a] in (0, 1) and model.actuator_biastype[a] == 1:
+            dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
+            gear = model.actuator_gear[find_output(model, a), 0]
+            out[dof] -= gear**2 * model.actuator_biasprm[a, 1:3]
+    return out
 
 
 def _limit_loss(loss: Floats, inverse_inertias: Floats) -> Floats:

@@ -89,7 +89,7 @@ def _make_scores(*horizons: tuple[float, float, float, float]) -> SimpleNamespac
 )
 def test_what_predicts_worse_over_any_horizon_is_known(horizons, is_worse):
     scores = _make_scores(*horizons)
-    assert predicts_worse(scores, "patched", ("given", "refit")) is is_worse
+    assert predicts_worse(scores, ("given", "refit")) is is_worse
 
 
 def _is_off(b, floor: float, off=()) -> bool:
