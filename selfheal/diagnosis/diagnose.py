@@ -42,8 +42,6 @@ from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
 from .selection.stated_values import (
     hold_stated,
-    restore_stated,
-    return_to_given,
     round_effects,
 )
 from .selection.verdict import (
@@ -290,7 +288,7 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
     """
     say("testing what was found on the held-out episodes", 0.0)
     hypothesis, refuted = drop_refuted(dataset, hypothesis)
-    hypothesis = round_effects(restore_stated(hypothesis))
+    hypothesis = round_effects(hypothesis)
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
@@ -305,7 +303,7 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
         verdict = "unlisted" if is_worse else verdict
         scores = HeldOutScores.compute(dataset, hypothesis)
     if not hypothesis.named and predicts_worse(scores, ("given",)):
-        hypothesis = return_to_given(hypothesis)
+        hypothesis = hold_stated(hypothesis)
         scores = HeldOutScores.compute(dataset, hypothesis)
     tested = _Tested(hypothesis, verdict, scores, structure, refuted)
     tested = _add_quantization(dataset, tested)

@@ -76,7 +76,13 @@ class TorqueBalance(ErrorModel):
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """As of any error model; forces alone need no forward dynamics."""
+        """As of any error model; forces alone need no forward dynamics.
+
+        Args:
+            terms: of the hypothesis, and the one that is added last.
+            values: (n, P) of all of them [units of the parameters].
+            errors: without that term.
+        """
         if is_force_law(terms[-1].effect) and not any(t.onset for t in terms):
             return _compute_forces(self.motion, terms, values)
         return super().compute_changes(terms, values, errors)

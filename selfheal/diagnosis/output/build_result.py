@@ -67,7 +67,7 @@ def build_diagnosis(
     patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     errors = standard_errors(refine_jacobian(hypothesis.final.fit))
-    refit = doc.build_refit(patched, hypothesis, errors)
+    refit = doc.build_refit(patched, proof.unrestored.values, errors)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
     text, diff, edits, unpatched = patch_or_nominal(
         dataset, patched.terms, patched.values

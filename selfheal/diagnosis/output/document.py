@@ -108,19 +108,17 @@ def _merge_components(name: str, entries: list[dict]) -> list[dict]:
 
 
 def build_refit(
-    patched: Fit, hypothesis: Hypothesis, errors: Floats
+    patched: Fit, unrestored: Floats, errors: Floats
 ) -> list[dict[str, Any]]:
     """One entry for each nominal value: as given, as patched, and its interval.
 
     Args:
         patched: the fit of the patched model; its nominal terms count.
-        hypothesis: whose values before some returned to what the model states are the
-            middles of intervals.
+        unrestored: (P) its values before some returned to what the model states [1].
         errors: (P) standard errors of its values.
     """
     out, half = [], FIT.interval_factor * FIT.interval_standard_errors
-    fitted_values = patched.values if hypothesis.fitted is None else hypothesis.fitted
-    each = (patched.values, fitted_values, errors)
+    each = (patched.values, unrestored, errors)
     for term, factor, fitted, error in zip(
         patched.terms, *(split_values(patched.terms, x) for x in each), strict=True
     ):

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
 from ..estimation.problem import Problem
@@ -56,14 +55,12 @@ class Hypothesis:
         named: the effects.
         ranking: candidates of the first screening, each with the cost that it leaves,
             as a share of the cost without it.
-        fitted: (P) values of `final` before stated ones returned; None: none did.
     """
 
     nominal: ScoredFit
     final: ScoredFit
     named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
-    fitted: Floats | None = None
 
     @property
     def problem(self) -> Problem:

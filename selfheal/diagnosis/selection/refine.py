@@ -9,6 +9,7 @@ from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Onset
 from ..estimation.least_squares import fit_parameters, refine_undamped
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
@@ -29,6 +30,7 @@ from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import count_native_steps, mean_seconds, subsample_problem
 from .settings import SELECTION
+from .stated_values import fix_effects
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -168,3 +170,22 @@ def choose_equivalents(hypothesis: Hypothesis) -> Hypothesis:
         named = tuple(new if n is name else n for n in hypothesis.named)
         hypothesis = replace(hypothesis, final=final, named=named)
     return hypothesis
+
+
+def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
+    """Fit nominal values to the model's own time step; effects keep their values.
+
+    This is what a user sees who replays the model: half a step early, and with another
+    damping than in continuous time. A fit in continuous time gives the effects' truth.
+
+    Args:
+        base: that fit.
+
+    Returns:
+        The fit in the same segments, stepped as MuJoCo does.
+    """
+    fit, native = base.fit, base.problem.native
+    best = fit_parameters(
+        native, fix_effects(fit), fit.values, iterations=2, jacobian=fit.jacobian
+    )
+    return LinearizedFit.from_fit(replace(best, terms=fit.terms))

@@ -14,6 +14,7 @@ from ..data.segments import Segments
 from ..effects.base import Term
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
+from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.multiple_shooting import build_initial_state_offsets
 from ..estimation.settings import FIT
 from ..simulation import score
@@ -25,8 +26,10 @@ from ..simulation.dataset import (
 )
 from .hypotheses import Hypothesis
 from .quantization import append_step
+from .refine import refit_native_timestep
+from .screening import draw_segments
 from .settings import SELECTION
-from .stated_values import fit_native_timestep, round_stated
+from .stated_values import restore_stated
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
 
@@ -56,6 +59,7 @@ class HeldOutScores:
 
     Attributes:
         refits: of each model but the given one, by its name, as MuJoCo steps it.
+        unrestored: the patched model's before stated values were restored and rounded.
         segments: that were replayed.
         count: (E, S) readings of each episode and signal.
         squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
@@ -65,6 +69,7 @@ class HeldOutScores:
     """
 
     refits: dict[str, Fit]
+    unrestored: Fit
     segments: Segments
     count: Floats
     squares: dict[str, Floats]
@@ -77,14 +82,16 @@ class HeldOutScores:
         fits = {"refit": hypothesis.nominal.fit}
         if hypothesis.named:
             fits["patched"] = hypothesis.final.fit
-        refits = {name: fit_native_timestep(fit) for name, fit in fits.items()}
+        refits = {
+            name: refit_native_timestep(_select_some(fit)) for name, fit in fits.items()
+        }
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(fits.get("patched", fits["refit"]))
-        refits["patched"] = round_stated(whole, errors)
+        refits["patched"] = restore_stated(whole, errors)
         if not hypothesis.named:
             refits["refit"] = refits["patched"]
         fitted = {name: refit.fit for name, refit in refits.items()}
-        return cls._replay(dataset, fitted)
+        return cls._replay(dataset, fitted, whole.fit)
 
     def with_quantization(
         self, dataset: Dataset, hypothesis: Hypothesis
@@ -99,10 +106,12 @@ class HeldOutScores:
         for term, step in zip(*added, strict=True):
             patched = append_step(patched, term, step)
         refits = {**self.refits, "patched": patched}
-        return self._replay(dataset, refits)
+        return self._replay(dataset, refits, self.unrestored)
 
     @classmethod
-    def _replay(cls, dataset: Dataset, refits: dict[str, Fit]) -> "HeldOutScores":
+    def _replay(
+        cls, dataset: Dataset, refits: dict[str, Fit], unrestored: Fit
+    ) -> "HeldOutScores":
         """The scores of models fitted to their own time step, and of the given one."""
         simulator, patched = dataset.held_out.native, refits["patched"]
         segments = score.cut_replay_segments(simulator)
@@ -122,7 +131,14 @@ class HeldOutScores:
             _measure_floor(dataset, segments, patched)[0], numbers["patched"]
         )
         horizons = _score_horizons(dataset, models, patched)
-        return cls(refits, segments, count, squares, numbers, horizons)
+        return cls(refits, unrestored, segments, count, squares, numbers, horizons)
+
+
+def _select_some(fit: Fit) -> LinearizedFit:
+    """A fit in as many of its segments as a native fit is made in."""
+    rng = np.random.default_rng(3)
+    some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
+    return LinearizedFit.from_fit(fit).select(some)
 
 
 def _score_horizons(

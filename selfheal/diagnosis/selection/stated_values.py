@@ -18,19 +18,13 @@ from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
-from .screening import draw_segments
 from .settings import SELECTION
 
 
-def fix_known(fit: Fit) -> tuple[Term, ...]:
-    """The terms of a fit with bounds that leave but one value where it is known.
-
-    To effects theirs, and to what is as the model states it 1.
-    """
+def fix_effects(fit: Fit) -> tuple[Term, ...]:
+    """The terms of a fit with bounds that leave effects no other values than theirs."""
     each = fit.values_by_term.items()
-    return tuple(
-        t if t.effect.name == "stated" and v[0] != 1 else _fix(t, v) for t, v in each
-    )
+    return tuple(t if t.effect.name == "stated" else _fix(t, v) for t, v in each)
 
 
 def _fix(term: Term, values: Floats) -> Term:
@@ -56,76 +50,25 @@ def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, nominal=nominal, final=final)
 
 
-def return_to_given(hypothesis: Hypothesis) -> Hypothesis:
-    """The hypothesis without names whose stated values are as the model has them."""
-    fit = hypothesis.final.fit
-    values = np.ones(len(fit.values))
-    given = ScoredFit.from_fit(
-        fit_parameters(
-            fit.problem, fit.terms, values, iterations=0, jacobian=fit.jacobian
-        )
-    )
-    return replace(hypothesis, nominal=given, final=given, named=())
-
-
-def restore_stated(hypothesis: Hypothesis) -> Hypothesis:
-    """Give back to the model what the data do not contradict, with all else refitted.
+def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
+    """Give back to the model what the data do not contradict, and round the rest.
 
     A stated value returns if what the model states lies in its interval, given what has
-    returned before; in continuous time, or as MuJoCo steps the model. It also returns
-    from a bound, where the data ask for something else. What costs least comes first.
-    """
-    fit = hypothesis.final.fit
-    final = ScoredFit.from_fit(_restore(fit))
-    nominal = final
-    if hypothesis.named:
-        nominal = ScoredFit.from_fit(_restore(hypothesis.nominal.fit))
-    return replace(hypothesis, nominal=nominal, final=final, fitted=fit.values)
-
-
-def _restore(fit: Fit) -> Fit:
-    """The fit with stated values that have returned, as `restore_stated` has it."""
-    half = FIT.interval_factor * FIT.interval_standard_errors * standard_errors(fit)
-    each = LinearizedFit.from_fit(fit), fit_native_timestep(fit)
-    restored = np.union1d(*(_find_restorable(base, half) for base in each))
-    if not restored.size:
-        return fit
-    return replace(_fit_restored(fit, restored, 3), terms=fit.terms)
-
-
-def fit_native_timestep(fit: Fit) -> LinearizedFit:
-    """Fit stated values to the model's own time step; what is known keeps its value.
-
-    This is what a user sees who replays the model: half a step early, and with another
-    damping than in continuous time. A fit in continuous time gives the effects' truth.
-
-    Args:
-        fit: in continuous time.
-
-    Returns:
-        The fit in some of the same segments, stepped as MuJoCo does.
-    """
-    rng = np.random.default_rng(3)
-    some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
-    part = LinearizedFit.from_fit(fit).select(some).fit
-    best = fit_parameters(
-        part.problem.native, fix_known(part), part.values, iterations=2,
-        jacobian=part.jacobian,
-    )  # fmt: skip
-    return LinearizedFit.from_fit(replace(best, terms=part.terms))
-
-
-def round_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
-    """Stated values with the digits that their intervals support.
+    returned before. It also returns from a bound, where the data ask for something
+    else. What costs least comes first, and all others are fitted again. Those that are
+    left have the digits that their intervals support. Effects keep their values.
 
     Args:
         base: a fit of stated values and effects.
         errors: (P) standard errors of its values [1].
     """
-    fit = base.fit
-    half = np.where(fit.values == 1, 0.0, FIT.interval_standard_errors * errors)
-    values = _round(base, half, is_stated(fit.terms))
-    return LinearizedFit.from_fit(replace(fit, values=values))
+    terms, half = base.fit.terms, FIT.interval_standard_errors * errors
+    restored = _find_restorable(base, FIT.interval_factor * half)
+    fit = replace(base.fit, terms=fix_effects(base.fit))
+    less = _fit_restored(fit, restored, 1) if restored.size else fit
+    half = np.where(np.isin(np.arange(len(half)), restored), 0.0, half)
+    values = _round(LinearizedFit.from_fit(less), half, is_stated(terms))
+    return LinearizedFit.from_fit(replace(less, terms=terms, values=values))
 
 
 def round_effects(hypothesis: Hypothesis) -> Hypothesis:
@@ -154,34 +97,37 @@ def _reset_idle(fit: Fit) -> Fit:
 def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
     """Numbers of the stated values that return to what the model states.
 
-    Backward elimination by the quadratic model of the cost: with C = H^-1 and
-    deviations d = x - 1, value i returns at a cost of d_i^2 / C_ii, and the others then
-    move by -C_i d_i / C_ii. Its interval shrinks as the root of C_ii.
+    Backward elimination by the quadratic model of the cost beside the effects, which
+    stay: with C = H^-1 and deviations d = x - 1, value i returns at a cost of
+    d_i^2 / C_ii, and the others then move by -C_i d_i / C_ii. Its interval shrinks as
+    the root of C_ii.
 
     Args:
         base: the fit.
         half: (P) half the interval of each value.
     """
     fit = base.fit
-    open_ = is_stated(fit.terms) & (fit.values != 1)
-    deviation = fit.values - 1
-    covariance = np.linalg.pinv(base.curvature, hermitian=True)
+    stated = np.flatnonzero(is_stated(fit.terms))
+    each = fit.values_by_term.items()
+    at_bound = np.concatenate(
+        [np.full(len(v), t.is_at_bound(v)) for t, v in each] or [np.zeros(0, bool)]
+    )[stated]
+    deviation = fit.values[stated] - 1
+    covariance = np.linalg.pinv(base.curvature[np.ix_(stated, stated)], hermitian=True)
     whole = np.maximum(np.diagonal(covariance), FIT.tiny)
-    is_bound = np.concatenate([
-        np.full(len(v), t.is_at_bound(v)) for t, v in fit.values_by_term.items()
-    ] or [np.zeros(0, bool)])  # fmt: skip
-    found: list[int] = []
-    while open_.any():
+    is_open = np.ones(len(stated), bool)
+    found = []
+    while True:
         variance = np.maximum(np.diagonal(covariance), FIT.tiny)
-        reach = np.minimum(half, FIT.max_residual) * np.sqrt(variance / whole)
-        costs = np.where(open_, deviation**2 / variance, np.inf)
-        returns = open_ & ((np.abs(deviation) <= reach) | is_bound)
+        reach = np.nan_to_num(half[stated]) * np.sqrt(variance / whole)
+        returns = is_open & (at_bound | (np.abs(deviation) <= reach))
         if not returns.any():
             break
-        first = returns & is_bound if (returns & is_bound).any() else returns
-        i = int(np.where(first, costs, np.inf).argmin())
-        open_[i] = False
-        found.append(i)
+        first = returns & at_bound
+        among = first if first.any() else returns
+        i = int(np.where(among, deviation**2 / variance, np.inf).argmin())
+        is_open[i] = False
+        found.append(stated[i])
         response = covariance[i] / variance[i]
         deviation = deviation - response * deviation[i]
         covariance = covariance - np.outer(response, covariance[i])

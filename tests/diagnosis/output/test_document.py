@@ -34,6 +34,5 @@ def test_the_interval_of_a_negative_value_is_in_order():
     )  # fmt: skip
     value = np.array([1.1])
     fit = SimpleNamespace(terms=(term,), values=value)
-    naming = SimpleNamespace(fitted=value)
-    (read,) = build_refit(fit, naming, np.array([0.01]))
+    (read,) = build_refit(fit, value, np.array([0.01]))
     assert read["low"] < read["value"] < read["high"] < 0 and not is_unidentified(read)

@@ -97,5 +97,5 @@ def test_a_verdict_is_borne_out_by_the_errors_over_every_horizon(
         HorizonScores(s, {"refit": refit, "patched": patched, "floor": 0.01})
         for s, (refit, patched) in enumerate(errors, 1)
     )
-    scores = HeldOutScores(*[None] * 5, horizons)  # type: ignore[arg-type]
+    scores = HeldOutScores(*[None] * 6, horizons)  # type: ignore[arg-type]
     assert limit_verdict(verdict, scores) == limited
