@@ -36,7 +36,7 @@ from .selection.hypotheses import (
     start_search,
 )
 from .selection.quantization import name_quantization
-from .selection.refine import choose_equivalents, refine_hypothesis
+from .selection.refine import refine_hypothesis
 from .selection.replay_scores import HeldOutScores
 from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
@@ -253,7 +253,7 @@ def _fit_last(
         with counter.limit(lambda: is_over(FIT_SHARE)):
             refined = refine_hypothesis(dataset, hypothesis)
             refined = keep_predictive(dataset, refined, hypothesis)
-            return dataset, choose_equivalents(refined)
+            return dataset, refined
     except OutOfTime:
         record.stop()
         return dataset, hypothesis

@@ -31,11 +31,13 @@ class Errors:
             errors, up to a constant: their density is that of the errors times it.
         noise: (R, J, J) covariance of what noise of the readings makes of the first J
             columns in each row, of a single hypothesis; of several it is not kept.
+        slack: (R, J) variance of forces that the hypothesis leaves undecided, likewise.
     """
 
     values: Floats
     volume: Floats
     noise: Floats | None = None
+    slack: Floats | float = 0.0
 
 
 class ErrorModel(ABC):

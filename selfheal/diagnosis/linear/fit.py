@@ -154,7 +154,12 @@ class LinearFit:
             x = x.reshape(*x.shape[:-1], count, -1)[..., rows, :]
             noise = None if errors.noise is None else errors.noise[rows]
             volume = len(rows) / count * errors.volume
-            return Errors(x.reshape(*x.shape[:-2], -1), volume, noise)
+            slack = (
+                errors.slack[rows]
+                if isinstance(errors.slack, np.ndarray)
+                else errors.slack
+            )
+            return Errors(x.reshape(*x.shape[:-2], -1), volume, noise, slack)
 
         return replace(
             self, model=model, errors=cut(self.errors), jacobian=cut(self.jacobian)

@@ -2,7 +2,9 @@
 
 The balance of torques of a window has the covariance C = N + D: of noise of the
 readings, which is known, and of each joint's discrepancies, with a diagonal D. Whitened
-by a root of C errors have Student's t, so that blows do not count.
+by a root of C errors have Student's t, so that blows do not count. What a hypothesis
+misses is alike from one row to the next: a first-order autoregression of each column
+takes that away (Cochrane and Orcutt 1949; Ljung 1999, section 10.1).
 """
 
 from dataclasses import dataclass
@@ -13,6 +15,8 @@ import numpy as np
 from ...recording.data import Floats
 
 FREEDOM = 4.0  # degrees of freedom of Student's t (Lange, Little and Taylor 1989)
+WINSOR = 3.0  # scales, beyond which an error is a blow
+MOST_MEMORY = 0.99  # of an autoregression; more is a drift, whose first row counts
 SCALE_ITERATIONS = 20  # of its scale; each halves the error, or more
 
 
@@ -22,13 +26,17 @@ class Whitening:
 
     Attributes:
         roots: (R, J, J) inverse roots of the covariance of the first J columns.
-        scale: (C) Student's scale of each column, the first J after their roots.
+        memory: (C) autoregression of each column, the first J after their roots.
+        follows: (R) whether a row follows the one before in time.
+        scale: (C) Student's scale of each column's innovations.
         weights: (R, C) roots of Student's weights of the errors.
-        errors: (R, C) whitened.
+        errors: (R, C) innovations, whitened.
         loss: negative log-likelihood [nats] of the errors, up to a constant.
     """
 
     roots: Floats
+    memory: Floats
+    follows: np.ndarray
     scale: Floats
     weights: Floats
     errors: Floats
@@ -43,8 +51,7 @@ class Whitening:
         x = changes.reshape(*changes.shape[:-1], *self.errors.shape).copy()
         count = self.roots.shape[-1]
         x[..., :count] = np.einsum("rij,...rj->...ri", self.roots, x[..., :count])
-        x /= self.scale
-        return x
+        return _innovate(x, self.memory, self.follows) / self.scale
 
     def predict_loss(self, change: Floats, volume: float) -> float:
         """The loss [nats] with other errors, in the same covariance.
@@ -62,34 +69,70 @@ class Whitening:
         return _compute_size(self.errors, estimate_scale(self.errors))
 
 
-def whiten(errors: Floats, noise: Floats | None, volume: float) -> Whitening:
+def whiten(
+    errors: Floats,
+    noise: Floats | None,
+    volume: float,
+    follows: np.ndarray,
+    slack: Floats | float = 0.0,
+) -> Whitening:
     """The whitening of a hypothesis's errors, with the likeliest discrepancies.
 
-    The loss is infinite where errors are not finite.
+    The loss is infinite where errors are not finite. Forces that a hypothesis leaves
+    undecided have their likeliest values: they lessen errors, but do not spread them.
 
     Args:
         errors: (R, C) in columns.
         noise: (R, J, J) covariance of the first J by noise of the readings.
         volume: of the errors [nats].
+        follows: (R) whether a row follows the one before in time.
+        slack: (R, J) variance of undecided forces.
     """
     if not np.isfinite(errors).all() or noise is None:
         none, count = np.zeros_like(errors), errors.shape[1]
-        roots = np.zeros((len(errors), 0, 0))
-        return Whitening(roots, np.ones(count), none, none, np.inf)
+        roots, one = np.zeros((len(errors), 0, 0)), np.ones(count)
+        return Whitening(roots, 0 * one, follows, one, none, none, np.inf)
     joints = noise.shape[-1]
     known = np.einsum("rjj->rj", noise)
     spread = estimate_scale(errors[:, :joints]) ** 2
     missing = np.maximum(spread - np.median(known, axis=0), 0.0)
     missing += 1e-6 * spread + np.finfo(float).tiny
-    roots = np.linalg.inv(np.linalg.cholesky(noise + missing * np.eye(joints)))
+    each = noise + missing * np.eye(joints)
+    volume -= 0.5 * np.linalg.slogdet(each)[1].sum()
+    loose = np.broadcast_to(slack, known.shape)
+    roots = np.linalg.inv(np.linalg.cholesky(each + loose[:, None] * np.eye(joints)))
     r = errors.copy()
     r[:, :joints] = np.einsum("rij,rj->ri", roots, errors[:, :joints])
+    memory = _estimate_memory(r, follows)
+    r = _innovate(r, memory, follows)
     scale = estimate_scale(r)
-    volume = np.log(np.einsum("rjj->rj", roots)).sum() + volume
+    volume += 0.5 * (~follows).sum() * np.log1p(-(memory**2)).sum()
     loss = _compute_size(r, scale) - volume
     r = r / scale
     weights = np.sqrt((FREEDOM + 1) / (FREEDOM + r**2))
-    return Whitening(roots, scale, weights, r, float(loss))
+    return Whitening(roots, memory, follows, scale, weights, r, float(loss))
+
+
+def _estimate_memory(errors: Floats, follows: np.ndarray) -> Floats:
+    """(C) correlation of each column of errors (R, C) with the row before, 0 or more.
+
+    Winsorized, so that a blow does not decide it.
+    """
+    most = WINSOR * estimate_scale(errors)
+    x = np.clip(errors, -most, most)
+    after = np.flatnonzero(follows)
+    power = (x[after] ** 2).sum(axis=0) + (x[after - 1] ** 2).sum(axis=0)
+    product = 2 * (x[after] * x[after - 1]).sum(axis=0)
+    memory = product / np.maximum(power, np.finfo(float).tiny)
+    return np.clip(memory, 0.0, MOST_MEMORY)
+
+
+def _innovate(values: Floats, memory: Floats, follows: np.ndarray) -> Floats:
+    """Innovations (..., R, C) of an autoregression; the first ones of the same size."""
+    out = values * np.where(follows[:, None], 1.0, np.sqrt(1 - memory**2))
+    after = np.flatnonzero(follows)
+    out[..., after, :] -= memory * values[..., after - 1, :]
+    return out
 
 
 def estimate_scale(errors: Floats) -> Floats:
@@ -114,7 +157,7 @@ def estimate_independence(whitening: Whitening) -> float:
     """Share of rows that are independent, by the correlation of neighbors in time.
 
     R / (1 + 2 sum_k rho_k), over the lags whose autocorrelation is beyond two standard
-    errors of none; the mean over the columns.
+    errors of none; the mean over the columns of innovations.
     """
     x = whitening.weights * whitening.errors
     count, shares = len(x), []

@@ -90,6 +90,12 @@ class MeasuredMotion:
         """Errors of a window: J torques and K velocities."""
         return len(self.joints) + self.read({}).mismatch.shape[1]
 
+    @cached_property
+    def follows(self) -> np.ndarray:
+        """(R) whether a window follows the one before it in the same episode."""
+        episode = self.moments.episode[self.windows[:, 0]]
+        return np.append(False, episode[1:] == episode[:-1])
+
     def select(self, rows: np.ndarray) -> "MeasuredMotion":
         """The motion in windows `rows` (r); the same object again for the same rows."""
         key = rows.tobytes()
@@ -282,7 +288,9 @@ def _read_joints(
             (speed, slope, _), other = _undo(motion, velocity, change)
             own = change.get("gain", 1.0)
             (fast, turn), faith = _average_all(motion, velocity, change, (0, 1))
-            mismatch.append(own * (fast - mean[1]))
+            # beside the noise of both, of which the velocity's alone is as it is read
+            size = (faith[0] + spread[1]) / (faith[0] + (own / scale) ** 2 * spread[1])
+            mismatch.append(own * (fast - mean[1]) * np.sqrt(size))
             doubt = motion._doubts.setdefault(velocity.name, _measure_doubt(
                 (speed - v, variance[:, 1] + other[:, 0]),
                 (slope - a, variance[:, 2] + other[:, 1]),

@@ -26,6 +26,7 @@ RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 TRIED = 5  # moves that are fitted in vain, or beyond the best one
 FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
 MOST_EFFECTS = 60
+RESAMPLES = 200
 STANDARD_ERRORS = 1.0  # over blocks, by which a move has to predict them better
 
 Progress = Callable[[str, float], None]
@@ -36,6 +37,7 @@ class Search:
 
     Attributes:
         fit: of what has a name so far.
+        path: fits that were reached, each with a move more; the last is the answer.
         first_ranking: candidates beside the model as given, each with the share of the
             mean square error that it leaves.
     """
@@ -54,6 +56,7 @@ class Search:
             progress: called with a message and a share (0 to 1).
         """
         self.candidates, self.say, self.fit = candidates, progress, start
+        self.path: list[LinearFit] = []
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
         self.first_ranking: tuple[tuple[Term, float], ...] = ()
@@ -66,6 +69,7 @@ class Search:
             if new is not None:
                 before = {t.key for t in self.fit.named}
                 self.fit, is_fresh = new, False
+                self.path.append(new)
                 gone = before - {t.key for t in self.fit.named}
                 self._excluded |= {str(key) for key in gone}
             elif is_fresh:
@@ -77,6 +81,8 @@ class Search:
         self.fit = self._eliminate(refine(self.fit))
         for term in self.fit.named:
             self._exchange(term)
+        self.fit = self._eliminate(self.fit)
+        self.path.append(self.fit)
         return self.fit
 
     def _exchange(self, term: Term) -> None:
@@ -97,13 +103,17 @@ class Search:
             if cost < best and not is_small:
                 self.fit, best = new, cost
 
-    def find_rivals(self, term: Term) -> tuple[Term, ...]:
+    def find_rivals(self, fit: LinearFit, term: Term) -> tuple[Term, ...]:
         """Candidates that explain as much in a term's place, the likeliest first.
 
         Those whose gain is less by no more than what a parameter more would have to
         gain.
+
+        Args:
+            fit: of the path.
+            term: with a name in it.
         """
-        fit, (share, rows) = self.fit, self._independence()
+        share, rows = self._independence(fit)
         less = remove_terms(fit, [fit.terms.index(term)])
         least = less.cost - fit.cost - 0.5 * np.log(rows) / share
         moves = [(d,) for d in self._directions if is_distinct(d.term, less.named)]
@@ -117,6 +127,32 @@ class Search:
                 found.append((gained, move[0].term))
         found.sort(key=lambda each: -each[0])
         return tuple(t for _, t in found)
+
+    def weigh(
+        self, fit: LinearFit, term: Term, rng: np.random.Generator
+    ) -> tuple[float, float, float]:
+        """What speaks for a named term, beside all others.
+
+        Args:
+            fit: of the path.
+            term: with a name in it.
+            rng: draws resamples of the blocks.
+
+        Returns:
+            Gain of the likelihood [nats] per independent error; p-value of its
+            likelihood-ratio test (Wilks 1938), corrected for all candidates
+            (Bonferroni); share of resamples of the blocks that it helps to predict.
+        """
+        from scipy.stats import chi2
+
+        share, rows = self._independence(fit)
+        less = remove_terms(fit, [fit.terms.index(term)])
+        nats = max(share * (less.cost - fit.cost), 0.0)
+        p_value = len(self.candidates) * chi2.sf(2 * nats, len(term.parameters))
+        gains = compute_gains(less, fit)
+        draws = rng.integers(len(gains), size=(RESAMPLES, len(gains)))
+        stability = (gains[draws].sum(axis=1) > 0).mean()
+        return nats / rows, float(min(1.0, p_value)), float(stability)
 
     def _penalty(self, term: Term, rows: float) -> float:
         """[nats] by which a term has to lower the cost.
@@ -281,14 +317,20 @@ def _can_stand_beside(term: Term, named: Sequence[Term]) -> bool:
 
 
 def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
-    """What may be added: each direction, a usual effect at all its places, and all."""
+    """What may be added: each direction, an effect at all its places, all usual ones.
+
+    What one drive has the others often have as well; one by one, the first would stand
+    for all of them.
+    """
     open_directions = [d for d in directions if _can_stand_beside(d.term, fit.named)]
     groups: dict[str, dict[tuple, Direction]] = {}
     for d in open_directions:
-        if d.term.effect.is_usual(d.term):
-            groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
+        groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
     moves: list[Move] = [(d,) for d in open_directions]
     moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
-    if len(groups) > 1:
-        moves.append(tuple(d for g in groups.values() for d in g.values()))
+    usual = [
+        d for g in groups.values() for d in g.values() if d.term.effect.is_usual(d.term)
+    ]
+    if len({d.term.effect.name for d in usual}) > 1:
+        moves.append(tuple(usual))
     return moves

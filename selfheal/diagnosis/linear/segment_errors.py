@@ -17,7 +17,7 @@ from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..simulation.simulator import COMMAND_LATENESS
 from .errors import ErrorModel, Errors
-from .likelihood import Whitening, whiten
+from .likelihood import Whitening, estimate_scale, whiten
 
 SCREENED_SEGMENTS = 20  # in which all candidates are tried
 
@@ -85,7 +85,10 @@ class SegmentErrors(ErrorModel):
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""
         values = errors.values.reshape(self.rows, -1)
-        return whiten(values, errors.noise, float(np.sum(errors.volume)))
+        segment = self.problem.segments.segment_of_sample
+        follows = np.append(False, segment[1:] == segment[:-1])
+        volume = float(np.sum(errors.volume))
+        return whiten(values, errors.noise, volume, follows)
 
     def thin(self, share: float) -> "tuple[SegmentErrors, np.ndarray]":
         """The errors of so many times fewer segments, and numbers of their samples."""
@@ -102,7 +105,8 @@ class SegmentErrors(ErrorModel):
             values: (P) [units of the parameters].
         """
         problem = self.problem
-        scale = self.whiten(self.compute_errors(terms, values[None])).scale
+        errors = self.compute_errors(terms, values[None]).values[0]
+        scale = estimate_scale(errors.reshape(self.rows, -1))
         noise = np.concatenate([c.noise for c in problem.simulator.channels])
         sigma = np.fmax(problem.sigma * scale, noise)  # noise may be unknown, NaN
         is_read = np.isfinite(problem.segments.readings).any(axis=0)

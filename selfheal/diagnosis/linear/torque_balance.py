@@ -119,7 +119,13 @@ class TorqueBalance(ErrorModel):
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""
         values = errors.values.reshape(-1, self.motion.width)
-        return whiten(values, errors.noise, float(errors.volume))
+        return whiten(
+            values,
+            errors.noise,
+            float(errors.volume),
+            self.motion.follows,
+            errors.slack,
+        )
 
     def thin(self, share: float) -> "tuple[TorqueBalance, np.ndarray]":
         """The balance in so many times fewer windows, and their numbers (r)."""
@@ -161,6 +167,7 @@ def compute_errors(
     volume = np.zeros(len(values))
     count = len(motion.joints)
     noise = np.empty((len(motion.windows), count, count))
+    slack = np.empty((len(motion.windows), count))
     is_active = motion.find_active_terms(terms)
     owner = np.repeat(np.arange(len(terms)), [len(t.parameters) for t in terms])
     for active in np.unique(is_active, axis=0):
@@ -172,9 +179,10 @@ def compute_errors(
         out[:, rows] = part.values.reshape(len(values), len(rows), -1)
         volume += part.volume
         if part.noise is not None:
-            noise[rows] = part.noise
-    known = noise if len(values) == 1 else None
-    return Errors(out.reshape(len(values), -1), volume, known)
+            noise[rows], slack[rows] = part.noise, part.slack
+    is_single = len(values) == 1
+    known, undecided = (noise, slack) if is_single else (None, 0.0)
+    return Errors(out.reshape(len(values), -1), volume, known, undecided)
 
 
 @allow_divergence()
@@ -216,13 +224,13 @@ def _compute_errors(
     averaged = np.concatenate([averaged, mismatch], axis=-1)
     noise = _propagate_noise(motion.noise, mean, impedance)
     volume = 0.5 * np.linalg.slogdet(noise)[1].sum(axis=1)
-    known = None
-    if len(noise) == 1:
-        known = noise[0]
-        joints = np.arange(len(motion.dofs))
-        loss = found.frictionloss[0][:, motion.dofs]
-        known[:, joints, joints] += _spread_friction(motion, read[0].velocity, loss)
-    return Errors(averaged.reshape(len(averaged), -1), volume, known)
+    flat = averaged.reshape(len(averaged), -1)
+    if len(noise) > 1:
+        return Errors(flat, volume)
+    loss = found.frictionloss[0][:, motion.dofs]
+    return Errors(
+        flat, volume, noise[0], _spread_friction(motion, read[0].velocity, loss)
+    )
 
 
 def _spread_friction(motion: MeasuredMotion, velocity: Floats, loss: Floats) -> Floats:

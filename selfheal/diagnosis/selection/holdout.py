@@ -5,12 +5,13 @@ help there.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 
 from ...recording.data import Floats
+from ..data.segments import Segments
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
 from ..estimation.fit import Fit
@@ -20,7 +21,6 @@ from ..estimation.marginalization import (
     keep_informative,
     marginalize_initial_states,
 )
-from ..estimation.noise import normalize_rms
 from ..estimation.problem import Problem
 from ..estimation.reweighting import downweight_unscored
 from ..estimation.settings import FIT
@@ -30,46 +30,100 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
+from ..simulation.score import log_errors
+from ..simulation.simulator import Simulator
 from .backward import (
-    compute_worst_growth,
     fit_without,
 )
-from .criteria import significant_prior_penalty
 from .cross_validation import ScoredFit
 from .evidence import find_uncertain
 from .hypotheses import Hypothesis, NamedEffect
-from .screening import mean_seconds
-from .settings import SELECTION
 
 # a hypothesis, and labels of the names that were refuted
+MIN_SEGMENTS = 3  # of which a standard error can be had
+LEVEL = 0.05
+MOST_NATS = 10.0  # of a segment, beyond any that a prediction may be better by
 Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
 def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """The hypothesis that predicts held-out episodes best."""
+    """The fewest names beside which no others predict held-out episodes clearly better.
+
+    That is by a one-sided test of paired differences. Where more than noise is left,
+    each further effect explains some of it in the episodes that were fitted.
+    """
     if len(hypotheses) == 1:
         return hypotheses[0]
-    return hypotheses[int(np.argmin(_held_out_errors(dataset, hypotheses)))]
+    largest = max(hypotheses, key=lambda h: len(h.named))
+    judge = Judge.build(dataset, largest.final.fit)
+    errors = [judge.log_errors(h.final.fit) for h in hypotheses]
+    means = [np.mean([e.mean() for e in each]) for each in errors]
+    order = sorted(zip(hypotheses, errors, means, strict=True), key=lambda x: x[2])
+    best = order[0]
+    order.sort(key=lambda x: len(x[0].named))  # of as many names the best comes first
+    return next(h for h, e, _ in order if not is_clearly_better(best[1], e))
 
 
-def _held_out_errors(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> list[float]:
-    """Held-out squared error [1] of each, with the weights of the first one.
+@dataclass(frozen=True, eq=False)
+class Judge:
+    """Segments of held-out episodes, of several lengths, to be replayed in.
 
-    The geometric mean over segments of several lengths, as long as these inform: the
-    longer ones show what builds up slowly.
+    Attributes:
+        simulator: of the held-out episodes.
+        horizons: as long as these inform: the longer ones show what builds up slowly.
     """
-    fit = hypotheses[0].final.fit
-    sigma = downweight_unscored(fit)
-    held_out = (
-        _build_held_out(dataset, sigma, seconds)
-        for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
-    )
-    problems = keep_informative(held_out, fit.terms, fit.values)
-    errors = np.array([
-        [squared_error_with_own_states(p, h.final.fit) for p in problems]
-        for h in hypotheses
-    ])  # fmt: skip
-    return [float(x) for x in np.exp(np.log(errors + FIT.tiny).mean(axis=1))]
+
+    simulator: Simulator
+    horizons: tuple[Segments, ...]
+
+    @classmethod
+    def build(cls, dataset: Dataset, fit: Fit) -> "Judge":
+        """The segments over which a fit can predict the robot."""
+        sigma = downweight_unscored(fit)
+        problems = (
+            _build_held_out(dataset, sigma, seconds)
+            for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
+        )
+        found = keep_informative(problems, fit.terms, fit.values)
+        horizons = [p.segments for p in found if len(p.segments) >= MIN_SEGMENTS]
+        return cls(dataset.held_out, tuple(horizons or [found[0].segments]))
+
+    def log_errors(self, fit: Fit) -> list[Floats]:
+        """Errors (W) [nats] of a fit's replay in the segments of each length."""
+        return [
+            log_errors(self.simulator, segments, fit.terms, fit.values)
+            for segments in self.horizons
+        ]
+
+
+def compare(first: Sequence[Floats], second: Sequence[Floats]) -> Floats:
+    """By how much one fit predicts better than another, in t statistics (h).
+
+    One of each horizon, of paired differences of segments; they show the same episodes.
+
+    Args:
+        first: errors of one, from `Judge.log_errors`.
+        second: errors of the other.
+    """
+    out = []
+    for a, b in zip(first, second, strict=True):
+        lead = np.clip(np.nan_to_num(b - a, nan=0.0), -MOST_NATS, MOST_NATS)
+        spread = lead.std(ddof=1) if len(lead) > 1 else abs(lead[0])
+        out.append(lead.mean() / (spread / np.sqrt(len(lead)) + FIT.tiny))
+    return np.array(out)
+
+
+def is_clearly_better(first: Sequence[Floats], second: Sequence[Floats]) -> bool:
+    """Whether one fit predicts better than another over some horizon, worse over none.
+
+    By one-sided t tests at a level of 5 %, corrected for the horizons (Bonferroni).
+    """
+    from scipy.stats import t
+
+    statistic = compare(first, second)
+    degrees = [max(len(x) - 1, 1) for x in first]
+    limit = t.isf(LEVEL / len(degrees), degrees)
+    return bool((statistic > limit).any() and (statistic > -limit).all())
 
 
 def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
@@ -87,7 +141,7 @@ def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
 def keep_predictive(
     dataset: Dataset, refined: Hypothesis, searched: Hypothesis
 ) -> Hypothesis:
-    """The last fit, unless the search's predicts held-out episodes better by 5 %.
+    """The last fit, unless the search's predicts held-out episodes clearly better.
 
     Over long segments a small error of the model, as of its time step, can grow so far
     that the values make up for it. Not in the segments of the search.
@@ -99,28 +153,23 @@ def keep_predictive(
     """
     if refined.problem.segments is searched.problem.segments:
         return refined
-    new, old = _held_out_errors(dataset, [refined, searched])
-    return searched if old < new / SELECTION.worse_replay_ratio**2 else refined
+    judge = Judge.build(dataset, refined.final.fit)
+    new, old = (judge.log_errors(h.final.fit) for h in (refined, searched))
+    return searched if is_clearly_better(old, new) else refined
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
-    """Keep the names alone that help in the held-out episodes.
+    """Keep the names that do no harm in the held-out episodes.
 
-    Backward elimination by held-out error, the weakest name first. An equivalent of a
-    name that goes takes its place, if it helps.
+    Backward elimination, the worst name first. An equivalent of a name that goes
+    takes its place, if it helps.
     """
     refuted: list[str] = []
-    problem = hypothesis.problem
-    as_read = _build_held_out(dataset, problem.sigma, mean_seconds(problem))
-    while hypothesis.named:
-        fit = hypothesis.final.fit
-        held_out = marginalize_initial_states(as_read, fit.terms, fit.values)
-        weakest = _find_weakest(hypothesis, held_out)
-        if weakest is None:
-            break
-        name, less = weakest
+    judge = Judge.build(dataset, hypothesis.final.fit)
+    while harmful := _find_harmful(hypothesis, judge):
+        name, less = harmful
         refuted.append(name.term.label)
-        substitutes, best = try_equivalents(held_out, name, less)
+        substitutes, best = try_equivalents(judge, name, less)
         named = [[n] if n is not name else substitutes for n in hypothesis.named]
         hypothesis = replace(
             hypothesis,
@@ -130,81 +179,67 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     return hypothesis, tuple(refuted)
 
 
-def _find_weakest(
-    hypothesis: Hypothesis, held_out: Problem
+def _find_harmful(
+    hypothesis: Hypothesis, judge: Judge
 ) -> tuple[NamedEffect, Fit] | None:
-    """The name that helps least in held-out episodes, if it does not help enough.
+    """A name that fitted episodes do not tell, or the one that harms most.
 
-    Where more than noise is left, it must not be a trifle beside all names together,
-    unless it removes a tenth of the error, or helps one scored column. A name that
-    brings nominal values back to the prior need not help. Nor is a name refuted whose
-    absence changes held-out predictions far less than fitted ones, as a rotor's inertia
-    where nothing moves fast.
+    That is the one without which held-out episodes are predicted best, if clearly
+    better.
 
     Args:
         hypothesis: with names.
-        held_out: segments of the held-out episodes, with the initial states that the
-            hypothesis asks for.
+        judge: of the held-out episodes.
 
     Returns:
         The name, and the fit without it.
     """
     fit = hypothesis.final.fit
-    predicted = held_out.residuals_at(fit.terms, fit.values)
-    error = float(predicted @ predicted)
-    least = SELECTION.min_held_out_gain * error
-    if normalize_rms(held_out, predicted) > FIT.unexplained_ratio:
-        before = squared_error_reestimated(held_out, hypothesis.nominal.fit)
-        trifle = SELECTION.min_held_out_share * (before - error)
-        least = max(least, min(trifle, SELECTION.max_trifle * error))
-    values = fit.values_by_term
-    weakest, smallest = None, least
-    base = LinearizedFit.from_fit(fit)
-    uncertain = find_uncertain(fit)
+    errors, values = judge.log_errors(fit), fit.values_by_term
+    worst, most = None, 0.0
+    base, uncertain = LinearizedFit.from_fit(fit), find_uncertain(fit)
     for name in hypothesis.named:
         less = fit_without(base, name.term)
-        without = held_out.residuals_at(less.terms, less.values)
-        gain = squared_error_reestimated(held_out, less, without) - error
-        if name.term in uncertain or name.term.is_negligible(values[name.term]):
+        is_told = name.term not in uncertain
+        is_told &= not name.term.is_negligible(values[name.term])
+        if is_told and not is_clearly_better(judge.log_errors(less), errors):
+            continue
+        less = fit_parameters(less.problem, less.terms, less.values, iterations=6)
+        if not is_told:
             return name, less
-        relief = less.prior_penalty - fit.prior_penalty
-        if relief > significant_prior_penalty(fit) and gain > -least:
-            continue
-        change = float(((without - predicted) ** 2).sum()) / error
-        if change < SELECTION.min_held_out_effect * (less.cost / fit.cost - 1):
-            continue
-        growth = compute_worst_growth(held_out, predicted, without)
-        if gain > 0 and growth > 1 + SELECTION.removal_tolerance:
-            continue
-        if gain < smallest:
-            weakest, smallest = (name, less), gain
-    return weakest
+        without = judge.log_errors(less)
+        lead = float(compare(without, errors).mean())
+        if is_clearly_better(without, errors) and lead > most:
+            worst, most = (name, less), lead
+    return worst
 
 
 def try_equivalents(
-    held_out: Problem, refuted: NamedEffect, less: Fit
+    judge: Judge, refuted: NamedEffect, less: Fit
 ) -> tuple[list[NamedEffect], Fit]:
-    """The equivalent of a name that helps most in held-out episodes, if one does.
+    """The equivalent of a name that clearly helps most in held-out episodes, if any.
 
     Args:
-        held_out: segments of the held-out episodes.
+        judge: of the held-out episodes.
         refuted: the name.
         less: the fit without it.
 
     Returns:
         The name in its place, or none, and the fit.
     """
-    substitutes, best = [], less
-    limit = (1 - SELECTION.min_held_out_gain) * squared_error(held_out, less)
+    substitutes, best, most = [], less, 0.0
+    errors = judge.log_errors(less)
     for term in refuted.equivalent:
         if not is_distinct(term, less.terms):
             continue
         tried = fit_candidate(LinearizedFit.from_fit(less), term)
         fit = fit_parameters(less.problem, tried.terms, tried.values, iterations=6)
-        if (error := squared_error(held_out, fit)) < limit:
+        with_it = judge.log_errors(fit)
+        lead = float(compare(with_it, errors).mean())
+        if is_clearly_better(with_it, errors) and lead > most:
             others = tuple(t for t in refuted.equivalent if t is not term)
             substitutes = [replace(refuted, term=fit.terms[-1], equivalent=others)]
-            best, limit = fit, error
+            best, most = fit, lead
     return substitutes, best
 
 

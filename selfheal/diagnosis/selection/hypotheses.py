@@ -27,7 +27,6 @@ from .search_record import SearchRecord
 from .search_state import SearchState, start_state
 from .settings import SELECTION
 from .stepwise import search_forward, vet_untested
-from .whole_drives import search_backward
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,12 +183,7 @@ def _search_smooth(
         if dated.is_explained:
             return [dated]
     found = search_linear_model(always, longer, rng, record)
-    if found.is_explained:
-        return [found]
-    others = [found, dated or _search_to_end(start, longer, rng, record)]
-    if drives := search_backward(always, longer, rng, record):
-        others.append(drives)
-    return others
+    return [*found, dated] if dated else found
 
 
 def _search_to_end(

@@ -14,18 +14,17 @@ from ..effects.base import Term
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
-from ..linear.fit import LinearFit, start_fit
+from ..linear.fit import LinearFit, refine, start_fit
 from ..linear.measurement import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
 from ..linear.torque_balance import TorqueBalance, can_be_linear
-from .backward import exchange_equivalent
 from .criteria import Claim
 from .cross_validation import ScoredFit
+from .evidence import Evidence
 from .lengthening import fit_longer
 from .search_record import SearchRecord
 from .search_state import SearchState, reweight_and_fit, reweight_repeatedly
-from .stepwise import keep_significant, remove_and_exchange
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
 
@@ -35,11 +34,11 @@ def search_linear_model(
     longer: Sequence[Problem],
     rng: np.random.Generator,
     record: SearchRecord,
-) -> SearchState:
-    """The state with the effects that linear models ask for, fitted and tested.
+) -> list[SearchState]:
+    """States with more and more effects that linear models ask for, fitted.
 
     By the balance of torques where all joints are read often, by predictions of
-    segments else.
+    segments else. One that explains everything stands alone.
 
     Args:
         state: in which nothing has a name.
@@ -47,68 +46,45 @@ def search_linear_model(
         rng: draws noise and resamples.
         record: of what was tried and found.
     """
+    start, candidates = _start(state, rng, record)
+    search = Search(start, candidates, record)
+    search.run()
+    record.add_tried(candidates)
+    state = replace(state, first_round=search.first_ranking)
+    found, seen = [], {frozenset(t.key for t in state.named)}
+    for linear in reversed(search.path):
+        keys = frozenset(t.key for t in linear.named)
+        if keys in seen:
+            continue
+        seen.add(keys)
+        record(f"fitting {len(keys)} effects to simulations", 0.0)
+        linear = refine(linear)
+        fitted = _fit_to_simulations(state, linear, longer, record)
+        for term in linear.named:
+            rivals = search.find_rivals(linear, term)
+            evidence = Evidence(*search.weigh(linear, term, rng))
+            fitted = fitted.with_claim(term, Claim(evidence, rivals, rivals))
+        found.append(fitted)
+        if fitted.is_explained:
+            return [fitted]
+    return [state, *reversed(found)]
+
+
+def _start(
+    state: SearchState, rng: np.random.Generator, record: SearchRecord
+) -> tuple[LinearFit, Sequence[Term]]:
+    """A fit to the errors that suit the recordings, and the candidates seen in them."""
     simulator, problem = state.problem.simulator, state.problem
     stated = state.best.fit.terms[: state.nominal_count]
     if is_measured(simulator):
         record("measuring accelerations", 0.0)
         motion = measure_motion(simulator.native, rng)
         if len(motion.windows) >= MIN_WINDOWS:
-            start = start_fit(TorqueBalance(motion), stated)
             shown = [t for t in state.candidates if can_be_linear(t)]
-            state = _search(state, start, shown, longer, rng, record)
-            if state.named and state.is_explained:  # nothing is left for others
-                record.add_tried(state.candidates)
-            return state
+            return start_fit(TorqueBalance(motion), stated), shown
     record("predicting segments", 0.0)
-    values = state.best.fit.values
-    start = start_fit(SegmentErrors(problem), stated, state.named, values)
-    return _search(state, start, state.candidates, longer, rng, record)
-
-
-def _search(
-    state: SearchState,
-    start: LinearFit,
-    candidates: Sequence[Term],
-    longer: Sequence[Problem],
-    rng: np.random.Generator,
-    record: SearchRecord,
-) -> SearchState:
-    """The state with what an error model asks for, fitted to simulations and tested.
-
-    Args:
-        state: to begin with.
-        start: fit to errors, with the same names.
-        candidates: that may be added.
-        longer: the problem in longer and longer segments.
-        rng: draws resamples.
-        record: of what was tried and found.
-    """
-    search = Search(start, candidates, record)
-    linear = search.run()
-    record.add_tried(candidates)
-    if not state.first_round:
-        state = replace(state, first_round=search.first_ranking)
-    if not linear.named or {t.key for t in linear.named} == {
-        t.key for t in state.named
-    }:
-        return state
-    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
-    state = _fit_to_simulations(state, linear, longer, record)
-    state, _ = remove_and_exchange(state)
-    rivals = {t.key: search.find_rivals(t) for t in linear.named}
-    for term in state.named:  # over longer segments they may differ
-        best = exchange_equivalent(state.best, term, rivals.get(term.key, ()))
-        if best is not state.best:
-            rest = (t for t in rivals[term.key] if t.key != best.candidate.key)
-            rivals[best.candidate.key] = (term, *rest)
-            state = state.with_fit(best)
-    state = keep_significant(state, state.named, rng)
-    for term in state.named:
-        evidence = state.claims[term.key].evidence
-        others = rivals.get(term.key, ())
-        state = state.with_claim(term, Claim(evidence, others, others))
-    record.keep(state)
-    return state
+    start = start_fit(SegmentErrors(problem), stated, (), state.best.fit.values)
+    return start, state.candidates
 
 
 def _fit_to_simulations(

@@ -12,6 +12,7 @@ from .simulator import Simulator
 # [s] of a segment where an episode's initial state is not given (contract, section 2)
 REPLAY_SEGMENT = 0.5
 BOOTSTRAP_DRAWS, BOOTSTRAP_SEED = 300, 0  # of an interval; chosen: its ends are steady
+TINY = np.finfo(float).tiny
 BOOTSTRAP_QUANTILES = (0.05, 0.95)  # of a 90 % interval (contract, section 2)
 
 
@@ -26,13 +27,45 @@ def cut_replay_segments(simulator: Simulator) -> Segments:
     return Segments.concatenate(parts)
 
 
+def square_errors(
+    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
+    *, centered: bool = False,
+) -> Floats:  # fmt: skip
+    """Squared prediction errors of each sample and channel.
+
+    Of an orientation's two signs, the one nearer to the reading counts.
+
+    Args:
+        simulator: with S channels.
+        segments: with M samples.
+        terms: effects that the given model lacks.
+        values: (P) of the terms' parameters.
+        centered: as `Simulator.simulate` has it.
+
+    Returns:
+        (M, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
+        simulation diverged.
+    """
+    predicted = simulator.simulate(terms, values[None], segments, centered=centered)[0]
+    errors = predicted - segments.readings
+    out = np.full((len(errors), len(simulator.channels)), np.nan)
+    for s, c in enumerate(simulator.channels):
+        x = errors[:, c.columns]
+        if c.kind == "body_orientation":
+            other = predicted[:, c.columns] + segments.readings[:, c.columns]
+            is_nearer = (x**2).sum(1, keepdims=True) < (other**2).sum(1, keepdims=True)
+            x = np.where(is_nearer, x, other)
+        is_read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
+        square = (x[is_read] ** 2).sum(axis=1)
+        out[is_read, s] = np.where(np.isfinite(square), square, np.inf)
+    return out
+
+
 def sum_squared_errors(
     simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
     *, centered: bool = False,
 ) -> Floats:  # fmt: skip
     """Sum the squared prediction errors over each episode.
-
-    Of an orientation's two signs, the one nearer to the reading counts.
 
     Args:
         simulator: with E episodes and S channels.
@@ -45,24 +78,46 @@ def sum_squared_errors(
         (E, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
         simulation diverged.
     """
-    predicted = simulator.simulate(terms, values[None], segments, centered=centered)[0]
-    errors = predicted - segments.readings
-    out = np.full((len(simulator.episodes), len(simulator.channels)), np.nan)
+    squares = square_errors(simulator, segments, terms, values, centered=centered)
     episode = segments.episode[segments.segment_of_sample]
-    for s, c in enumerate(simulator.channels):
-        x = errors[:, c.columns]
-        if c.kind == "body_orientation":
-            other = predicted[:, c.columns] + segments.readings[:, c.columns]
-            is_nearer = (x**2).sum(1, keepdims=True) < (other**2).sum(1, keepdims=True)
-            x = np.where(is_nearer, x, other)
-        is_read = np.isfinite(segments.readings[:, c.columns]).all(axis=1)
-        square = np.where(is_read, (x**2).sum(axis=1), 0.0)
-        square = np.where(is_read & ~np.isfinite(square), np.inf, square)
-        for e in range(len(simulator.episodes)):
-            rows = (episode == e) & is_read
-            if rows.any():
-                out[e, s] = square[rows].sum()
+    out = np.full((len(simulator.episodes), squares.shape[1]), np.nan)
+    for e in np.unique(episode):
+        own = squares[episode == e]
+        is_read = ~np.isnan(own).all(axis=0)
+        out[e, is_read] = np.nansum(own[:, is_read], axis=0)
     return out
+
+
+def log_errors(
+    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats
+) -> Floats:
+    """Logarithms of the errors of each segment, means over the channels.
+
+    Minus the log predictive density per reading, of scales that nobody knows. What
+    noise makes of an error is added to it, for less than that tells nothing.
+
+    Args:
+        simulator: with S channels.
+        segments: W of them.
+        terms: effects that the given model lacks.
+        values: (P) of the terms' parameters.
+
+    Returns:
+        (W) [nats] of root mean squares in standard deviations of each channel; infinite
+        where the simulation diverged.
+    """
+    size = [(c.spread**2, np.nansum(c.noise**2) + TINY) for c in simulator.channels]
+    spread, noise = np.array(size).T
+    squares = square_errors(simulator, segments, terms, values, centered=True)
+    squares = ((squares + noise) / spread).T
+    segment = segments.segment_of_sample
+    total, count = (
+        np.array([np.bincount(segment, x, len(segments)) for x in each])
+        for each in (np.nan_to_num(squares, posinf=np.inf), ~np.isnan(squares))
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = 0.5 * np.log(total / count)
+    return np.asarray(np.nanmean(each, axis=0))
 
 
 def count_readings(simulator: Simulator, segments: Segments) -> Floats:
