@@ -28,6 +28,7 @@ from .selection.holdout import (
     choose_hypothesis,
     drop_refuted,
     keep_predictive,
+    leave_bounds,
 )
 from .selection.hypotheses import (
     Hypothesis,
@@ -35,6 +36,7 @@ from .selection.hypotheses import (
     name_effects,
     start_search,
 )
+from .selection.judge import Judge, is_outdone
 from .selection.quantization import name_quantization
 from .selection.refine import refine_hypothesis
 from .selection.replay_scores import HeldOutScores
@@ -253,7 +255,7 @@ def _fit_last(
         with counter.limit(lambda: is_over(FIT_SHARE)):
             refined = refine_hypothesis(dataset, hypothesis)
             refined = keep_predictive(dataset, refined, hypothesis)
-            return dataset, refined
+            return dataset, leave_bounds(dataset, refined)
     except OutOfTime:
         record.stop()
         return dataset, hypothesis
@@ -293,7 +295,7 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
     structure = analyze_remaining(dataset, hypothesis)
     hypothesis, verdict = decide_verdict(hypothesis, structure)
     scores = HeldOutScores.compute(dataset, hypothesis)
-    is_worse = predicts_worse(scores, ("given", "refit"))
+    is_worse = predicts_worse(scores, ("given",)) or _is_outdone(dataset, scores)
     if hypothesis.named and (
         is_worse or removes_too_little(dataset, hypothesis, scores)
     ):
@@ -313,6 +315,14 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
         tested = replace(tested, verdict=verdict)
     verdict = limit_verdict(tested.verdict, tested.scores)
     return replace(tested, verdict=verdict)
+
+
+def _is_outdone(dataset: Dataset, scores: HeldOutScores) -> bool:
+    """Whether what the model states, re-fitted, predicts clearly better alone."""
+    refit, patched = scores.refits["refit"], scores.refits["patched"]
+    judge = Judge.build(dataset, patched)
+    alone, named = (judge.log_native_errors(fit) for fit in (refit, patched))
+    return is_outdone(named, alone)
 
 
 def _add_quantization(dataset: Dataset, tested: _Tested) -> _Tested:

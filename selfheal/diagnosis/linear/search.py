@@ -69,7 +69,11 @@ class Search:
             if new is not None:
                 before = {t.key for t in self.fit.named}
                 self.fit, is_fresh = new, False
-                self.path.append(new)
+                for term in new.named:
+                    if term.key not in before:
+                        self._exchange(term, is_alike=True)
+                self.fit = self._eliminate(self.fit)
+                self.path.append(self.fit)
                 gone = before - {t.key for t in self.fit.named}
                 self._excluded |= {str(key) for key in gone}
             elif is_fresh:
@@ -85,12 +89,21 @@ class Search:
         self.path.append(self.fit)
         return self.fit
 
-    def _exchange(self, term: Term) -> None:
-        """Put another form of a term in its place where that is likelier."""
+    def _exchange(self, term: Term, *, is_alike: bool = False) -> None:
+        """Put another form of a term in its place where that is likelier.
+
+        Args:
+            term: with a name.
+            is_alike: whether only forms of the same effect may.
+        """
         fit, (share, rows) = self.fit, self._independence()
         rest = [t for t in fit.named if t is not term]
         forms = find_other_forms(term, self.candidates)
-        others = [t for t in forms if is_distinct(t, rest)]
+        others = [
+            t
+            for t in forms
+            if is_distinct(t, rest) and (t.effect is term.effect or not is_alike)
+        ]
         if not others:
             return
         less = remove_terms(fit, [fit.terms.index(term)])

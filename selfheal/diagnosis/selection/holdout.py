@@ -5,44 +5,28 @@ help there.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
 
 from ...recording.data import Floats
-from ..data.segments import Segments
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
-from ..estimation.marginalization import (
-    keep_informative,
-    marginalize_initial_states,
-)
+from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
-from ..estimation.reweighting import downweight_unscored
-from ..estimation.settings import FIT
-from ..simulation.dataset import (
-    LONG_SEGMENTS,
-    SHORT_SEGMENT,
-    Dataset,
-    cut_readable_segments,
-)
-from ..simulation.score import log_errors
-from ..simulation.simulator import Simulator
-from .backward import (
-    fit_without,
-)
+from ..simulation.dataset import Dataset
+from .backward import fit_without
 from .cross_validation import ScoredFit
 from .evidence import find_uncertain
 from .hypotheses import Hypothesis, NamedEffect
+from .judge import Judge, compare, is_clearly_better, is_outdone
+from .stated_values import release_bounds
 
 # a hypothesis, and labels of the names that were refuted
-MIN_SEGMENTS = 3  # of which a standard error can be had
-LEVEL = 0.05
-MOST_NATS = 10.0  # of a segment, beyond any that a prediction may be better by
 Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
@@ -64,84 +48,10 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
     return next(h for h, e, _ in order if not is_clearly_better(best[1], e))
 
 
-@dataclass(frozen=True, eq=False)
-class Judge:
-    """Segments of held-out episodes, of several lengths, to be replayed in.
-
-    Attributes:
-        simulator: of the held-out episodes.
-        horizons: as long as these inform: the longer ones show what builds up slowly.
-    """
-
-    simulator: Simulator
-    horizons: tuple[Segments, ...]
-
-    @classmethod
-    def build(cls, dataset: Dataset, fit: Fit) -> "Judge":
-        """The segments over which a fit can predict the robot."""
-        sigma = downweight_unscored(fit)
-        problems = (
-            _build_held_out(dataset, sigma, seconds)
-            for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
-        )
-        found = keep_informative(problems, fit.terms, fit.values)
-        horizons = [p.segments for p in found if len(p.segments) >= MIN_SEGMENTS]
-        return cls(dataset.held_out, tuple(horizons or [found[0].segments]))
-
-    def log_errors(self, fit: Fit) -> list[Floats]:
-        """Errors (W) [nats] of a fit's replay in the segments of each length."""
-        return [
-            log_errors(self.simulator, segments, fit.terms, fit.values)
-            for segments in self.horizons
-        ]
-
-
-def compare(first: Sequence[Floats], second: Sequence[Floats]) -> Floats:
-    """By how much one fit predicts better than another, in t statistics (h).
-
-    One of each horizon, of paired differences of segments; they show the same episodes.
-
-    Args:
-        first: errors of one, from `Judge.log_errors`.
-        second: errors of the other.
-    """
-    out = []
-    for a, b in zip(first, second, strict=True):
-        lead = np.clip(np.nan_to_num(b - a, nan=0.0), -MOST_NATS, MOST_NATS)
-        spread = lead.std(ddof=1) if len(lead) > 1 else abs(lead[0])
-        out.append(lead.mean() / (spread / np.sqrt(len(lead)) + FIT.tiny))
-    return np.array(out)
-
-
-def is_clearly_better(first: Sequence[Floats], second: Sequence[Floats]) -> bool:
-    """Whether one fit predicts better than another over some horizon, worse over none.
-
-    By one-sided t tests at a level of 5 %, corrected for the horizons (Bonferroni).
-    """
-    from scipy.stats import t
-
-    statistic = compare(first, second)
-    degrees = [max(len(x) - 1, 1) for x in first]
-    limit = t.isf(LEVEL / len(degrees), degrees)
-    return bool((statistic > limit).any() and (statistic > -limit).all())
-
-
-def _build_held_out(dataset: Dataset, sigma: Floats, seconds: float) -> Problem:
-    """Held-out segments with residuals in standard deviations.
-
-    Args:
-        dataset: with the held-out episodes.
-        sigma: (C) standard deviations [unit of each column].
-        seconds: length of a segment [s].
-    """
-    segments = cut_readable_segments(dataset.held_out, seconds)
-    return Problem(dataset.held_out, segments, sigma)
-
-
 def keep_predictive(
     dataset: Dataset, refined: Hypothesis, searched: Hypothesis
 ) -> Hypothesis:
-    """The last fit, unless the search's predicts held-out episodes clearly better.
+    """The last fit, unless the search's predicts held-out episodes better.
 
     Over long segments a small error of the model, as of its time step, can grow so far
     that the values make up for it. Not in the segments of the search.
@@ -155,7 +65,26 @@ def keep_predictive(
         return refined
     judge = Judge.build(dataset, refined.final.fit)
     new, old = (judge.log_errors(h.final.fit) for h in (refined, searched))
-    return searched if is_clearly_better(old, new) else refined
+    return searched if compare(old, new).mean() > 0 else refined
+
+
+def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis without stated values at bounds, if it predicts no worse.
+
+    Args:
+        dataset: with the held-out episodes.
+        hypothesis: after its last fit.
+    """
+    fit = hypothesis.final.fit
+    released = release_bounds(fit)
+    if released is fit:
+        return hypothesis
+    judge = Judge.build(dataset, fit)
+    if is_outdone(judge.log_errors(released), judge.log_errors(fit)):
+        return hypothesis
+    final = ScoredFit.from_fit(released)
+    nominal = hypothesis.nominal if hypothesis.named else final
+    return replace(hypothesis, final=final, nominal=nominal)
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:

@@ -50,13 +50,30 @@ def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, nominal=nominal, final=final)
 
 
+def release_bounds(fit: Fit) -> Fit:
+    """The fit with stated values at their bounds as the model states them.
+
+    All others are fitted again, effects too. At a bound the data ask for something
+    else than the value.
+    """
+    while True:
+        at_bound = [
+            t.effect.name == "stated" and t.is_at_bound(v) and bool((v != 1).any())
+            for t, v in fit.values_by_term.items()
+        ]
+        columns = np.repeat(at_bound, [len(t.parameters) for t in fit.terms])
+        if not columns.any():
+            return fit
+        fit = _fit_restored(fit, np.flatnonzero(columns), 6)
+
+
 def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
     """Give back to the model what the data do not contradict, and round the rest.
 
     A stated value returns if what the model states lies in its interval, given what has
-    returned before. It also returns from a bound, where the data ask for something
-    else. What costs least comes first, and all others are fitted again. Those that are
-    left have the digits that their intervals support. Effects keep their values.
+    returned before. What costs least comes first, and all others are fitted again.
+    Those that are left have the digits that their intervals support. Effects keep their
+    values.
 
     Args:
         base: a fit of stated values and effects.
@@ -108,10 +125,6 @@ def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
     """
     fit = base.fit
     stated = np.flatnonzero(is_stated(fit.terms))
-    each = fit.values_by_term.items()
-    at_bound = np.concatenate(
-        [np.full(len(v), t.is_at_bound(v)) for t, v in each] or [np.zeros(0, bool)]
-    )[stated]
     deviation = fit.values[stated] - 1
     covariance = np.linalg.pinv(base.curvature[np.ix_(stated, stated)], hermitian=True)
     whole = np.maximum(np.diagonal(covariance), FIT.tiny)
@@ -120,12 +133,10 @@ def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
     while True:
         variance = np.maximum(np.diagonal(covariance), FIT.tiny)
         reach = np.nan_to_num(half[stated]) * np.sqrt(variance / whole)
-        returns = is_open & (at_bound | (np.abs(deviation) <= reach))
+        returns = is_open & (np.abs(deviation) <= reach)
         if not returns.any():
             break
-        first = returns & at_bound
-        among = first if first.any() else returns
-        i = int(np.where(among, deviation**2 / variance, np.inf).argmin())
+        i = int(np.where(returns, deviation**2 / variance, np.inf).argmin())
         is_open[i] = False
         found.append(stated[i])
         response = covariance[i] / variance[i]

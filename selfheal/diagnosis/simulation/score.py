@@ -89,8 +89,9 @@ def sum_squared_errors(
 
 
 def log_errors(
-    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats
-) -> Floats:
+    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
+    *, centered: bool = False,
+) -> Floats:  # fmt: skip
     """Logarithms of the errors of each segment, means over the channels.
 
     Minus the log predictive density per reading, of scales that nobody knows. What
@@ -101,6 +102,7 @@ def log_errors(
         segments: W of them.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
+        centered: as `Simulator.simulate` has it.
 
     Returns:
         (W) [nats] of root mean squares in standard deviations of each channel; infinite
@@ -108,7 +110,7 @@ def log_errors(
     """
     size = [(c.spread**2, np.nansum(c.noise**2) + TINY) for c in simulator.channels]
     spread, noise = np.array(size).T
-    squares = square_errors(simulator, segments, terms, values, centered=True)
+    squares = square_errors(simulator, segments, terms, values, centered=centered)
     squares = ((squares + noise) / spread).T
     segment = segments.segment_of_sample
     total, count = (
