@@ -11,12 +11,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.special import expit
 
 from ...recording.data import Floats
 
 FREEDOM = 4.0  # degrees of freedom of Student's t (Lange, Little and Taylor 1989)
 WINSOR = 3.0  # scales, beyond which an error is a blow
 MOST_MEMORY = 0.99  # of an autoregression; more is a drift, whose first row counts
+MIN_SHARE = 1e-3  # of a mixture's part, whose logarithm stays finite
 SCALE_ITERATIONS = 20  # of its scale; each halves the error, or more
 
 
@@ -78,8 +80,7 @@ def whiten(
 ) -> Whitening:
     """The whitening of a hypothesis's errors, with the likeliest discrepancies.
 
-    The loss is infinite where errors are not finite. Forces that a hypothesis leaves
-    undecided have their likeliest values: they lessen errors, but do not spread them.
+    The loss is infinite where errors are not finite.
 
     Args:
         errors: (R, C) in columns.
@@ -97,12 +98,12 @@ def whiten(
     spread = estimate_scale(errors[:, :joints]) ** 2
     missing = np.maximum(spread - np.median(known, axis=0), 0.0)
     missing += 1e-6 * spread + np.finfo(float).tiny
-    each = noise + missing * np.eye(joints)
-    volume -= 0.5 * np.linalg.slogdet(each)[1].sum()
-    loose = np.broadcast_to(slack, known.shape)
-    roots = np.linalg.inv(np.linalg.cholesky(each + loose[:, None] * np.eye(joints)))
+    loose, chosen = _mix(errors[:, :joints], known + missing, slack)
+    each = noise + (missing + loose)[:, None] * np.eye(joints)
+    roots = np.linalg.inv(np.linalg.cholesky(each))
     r = errors.copy()
     r[:, :joints] = np.einsum("rij,rj->ri", roots, errors[:, :joints])
+    volume += np.log(np.einsum("rjj->rj", roots)).sum() + chosen
     memory = _estimate_memory(r, follows)
     r = _innovate(r, memory, follows)
     scale = estimate_scale(r)
@@ -111,6 +112,47 @@ def whiten(
     r = r / scale
     weights = np.sqrt((FREEDOM + 1) / (FREEDOM + r**2))
     return Whitening(roots, memory, follows, scale, weights, r, float(loss))
+
+
+def _mix(
+    errors: Floats, variance: Floats, slack: Floats | float
+) -> tuple[Floats, float]:
+    """Variances that undecided forces add, which may be of any size up to their slack.
+
+    Of a mixture of two normals, without and with it, whose shares are the likeliest
+    (expectation maximization, Dempster, Laird and Rubin 1977): a sensor of velocity may
+    be noisy only where something moves.
+
+    Args:
+        errors: (R, J).
+        variance: (R, J) without slack.
+        slack: (R, J) variance of undecided forces.
+
+    Returns:
+        Variances (R, J) of a normal that pulls as the mixture does, less those without
+        slack, and the log-likelihood [nats] of the mixture less that of this normal.
+    """
+    is_open = np.broadcast_to(slack > 0.0, errors.shape)
+    less = variance[is_open]
+    more = less + np.broadcast_to(slack, errors.shape)[is_open]
+    square, share = errors[is_open] ** 2, 0.5
+    if not len(square):
+        return np.zeros_like(variance), 0.0
+    likely = [-0.5 * (np.log(x) + square / x) for x in (less, more)]
+    for _ in range(SCALE_ITERATIONS):
+        odds = np.log(share) - np.log1p(-share) + likely[1] - likely[0]
+        loose = expit(odds)
+        share = (
+            float(np.clip(loose.mean(), MIN_SHARE, 1 - MIN_SHARE))
+            if len(loose)
+            else 0.5
+        )
+    precision = (1 - loose) / less + loose / more
+    whole = np.logaddexp(np.log1p(-share) + likely[0], np.log(share) + likely[1])
+    nats = (whole - 0.5 * (np.log(precision) - square * precision)).sum()
+    out = np.zeros_like(variance)
+    out[is_open] = 1 / precision - less
+    return out, float(nats)
 
 
 def _estimate_memory(errors: Floats, follows: np.ndarray) -> Floats:

@@ -165,10 +165,9 @@ def _search_smooth(
     rng: np.random.Generator,
     record: SearchRecord,
 ) -> list[SearchState]:
-    """Search by linear models; where these leave more than noise, by simulations too.
+    """Search by linear models: for effects that set in, and for those always there.
 
-    One adds effects to none, one takes them from all usual ones. What no effect
-    describes misleads each in its own way; held-out episodes are to decide.
+    Several sets are found where none explains everything; held-out episodes decide.
 
     Args:
         start: state in which nothing has a name yet; its candidates may set in.
@@ -177,13 +176,13 @@ def _search_smooth(
         record: of what was tried and found.
     """
     always = start.with_candidates(set_onset(start.candidates, None))
-    dated = None
+    dated: list[SearchState] = []
     if any(t.onset for t in start.candidates):
-        dated = _search_to_end(start, longer, rng, record)
-        if dated.is_explained:
-            return [dated]
+        dated = search_linear_model(start, longer, rng, record)
+        if dated[-1].is_explained:
+            return dated
     found = search_linear_model(always, longer, rng, record)
-    return [*found, dated] if dated else found
+    return found if found[-1].is_explained else [*found, *dated[1:]]
 
 
 def _search_to_end(

@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.linear.likelihood import estimate_independence, whiten
+from selfheal.diagnosis.linear import likelihood
+from selfheal.diagnosis.linear.likelihood import estimate_independence
 
 ROWS = 400
+
+
+def whiten(values, noise, volume, *, follows=False):
+    """The whitening of rows, which may follow each other."""
+    follows = (np.arange(len(values)) > 0) & follows
+    return likelihood.whiten(values, noise, volume, follows)
 
 
 def make_errors(rng, noise=(0.3, 0.1), missing=(0.05, 0.4), unit=1.0):
