@@ -27,7 +27,6 @@ TRIED = 5  # moves that are fitted in vain, or beyond the best one
 FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
 MOST_EFFECTS = 60
 RESAMPLES = 200
-STANDARD_ERRORS = 1.0  # over blocks, by which a move has to predict them better
 
 Progress = Callable[[str, float], None]
 
@@ -241,9 +240,7 @@ class Search:
                 t in fit.named or t.is_negligible(v)
                 for t, v in zip(tried.named, tried.named_values, strict=True)
             )
-            gains = compute_gains(fit, tried)
-            spread = gains.std(ddof=1) * np.sqrt(len(gains))
-            if not gains.sum() > STANDARD_ERRORS * spread:
+            if compute_gains(fit, tried).sum() < 0:
                 net = -np.inf
             if net < 0 or is_small:
                 self._excluded.add(name_move(move))

@@ -180,9 +180,9 @@ def _search_smooth(
     if any(t.onset for t in start.candidates):
         dated = search_linear_model(start, longer, rng, record)
         if dated[-1].is_explained:
-            return dated
+            return dated[-1:]
     found = search_linear_model(always, longer, rng, record)
-    return found if found[-1].is_explained else [*found, *dated[1:]]
+    return found[-1:] if found[-1].is_explained else [*found, *dated[1:]]
 
 
 def _search_to_end(

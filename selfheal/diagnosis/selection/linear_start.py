@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects.base import Term
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -37,8 +36,9 @@ def search_linear_model(
 ) -> list[SearchState]:
     """States with more and more effects that linear models ask for, fitted.
 
-    By the balance of torques where all joints are read often, by predictions of
-    segments else. One that explains everything stands alone.
+    By the balance of torques where all joints are read often; what that cannot show, or
+    where it cannot be had, by predictions of segments. One that explains everything
+    ends the search.
 
     Args:
         state: in which nothing has a name.
@@ -46,11 +46,57 @@ def search_linear_model(
         rng: draws noise and resamples.
         record: of what was tried and found.
     """
-    start, candidates = _start(state, rng, record)
-    search = Search(start, candidates, record)
+    states, candidates = [state], state.candidates
+    if balance := _balance_torques(state, rng, record):
+        shown = [t for t in candidates if can_be_linear(t)]
+        states += _walk(Search(balance, shown, record), state, longer, rng, record)
+        candidates = [t for t in candidates if not can_be_linear(t)]
+    if candidates and not states[-1].is_explained:
+        record("predicting segments", 0.0)
+        fit, count = states[-1].best.fit, state.nominal_count
+        errors = SegmentErrors(fit.problem)
+        start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
+        search = Search(start, candidates, record)
+        states += _walk(search, states[-1], longer, rng, record)
+    return states
+
+
+def _balance_torques(
+    state: SearchState, rng: np.random.Generator, record: SearchRecord
+) -> LinearFit | None:
+    """The model as given in the balance of torques; None where it cannot be had."""
+    simulator = state.problem.simulator
+    if not is_measured(simulator):
+        return None
+    record("measuring accelerations", 0.0)
+    motion = measure_motion(simulator.native, rng)
+    if len(motion.windows) < MIN_WINDOWS:
+        return None
+    return start_fit(TorqueBalance(motion), state.best.fit.terms[: state.nominal_count])
+
+
+def _walk(
+    search: Search,
+    state: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> list[SearchState]:
+    """States with the sets of effects that a search reaches, fitted to simulations.
+
+    One that explains everything stands alone.
+
+    Args:
+        search: in an error model.
+        state: to begin with.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        record: of what was tried and found.
+    """
     search.run()
-    record.add_tried(candidates)
-    state = replace(state, first_round=search.first_ranking)
+    record.add_tried(search.candidates)
+    if not state.first_round:
+        state = replace(state, first_round=search.first_ranking)
     found, seen = [], {frozenset(t.key for t in state.named)}
     for linear in reversed(search.path):
         keys = frozenset(t.key for t in linear.named)
@@ -67,24 +113,7 @@ def search_linear_model(
         found.append(fitted)
         if fitted.is_explained:
             return [fitted]
-    return [state, *reversed(found)]
-
-
-def _start(
-    state: SearchState, rng: np.random.Generator, record: SearchRecord
-) -> tuple[LinearFit, Sequence[Term]]:
-    """A fit to the errors that suit the recordings, and the candidates seen in them."""
-    simulator, problem = state.problem.simulator, state.problem
-    stated = state.best.fit.terms[: state.nominal_count]
-    if is_measured(simulator):
-        record("measuring accelerations", 0.0)
-        motion = measure_motion(simulator.native, rng)
-        if len(motion.windows) >= MIN_WINDOWS:
-            shown = [t for t in state.candidates if can_be_linear(t)]
-            return start_fit(TorqueBalance(motion), stated), shown
-    record("predicting segments", 0.0)
-    start = start_fit(SegmentErrors(problem), stated, (), state.best.fit.values)
-    return start, state.candidates
+    return found[::-1]
 
 
 def _fit_to_simulations(

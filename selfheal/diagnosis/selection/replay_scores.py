@@ -25,6 +25,7 @@ from ..simulation.dataset import (
     cut_readable_segments,
 )
 from .hypotheses import Hypothesis
+from .judge import Judge, is_outdone
 from .quantization import append_step
 from .refine import refit_native_timestep
 from .screening import draw_segments
@@ -87,7 +88,11 @@ class HeldOutScores:
         }
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(fits.get("patched", fits["refit"]))
-        refits["patched"] = restore_stated(whole, errors)
+        refits["patched"] = restored = restore_stated(whole, errors)
+        judge = Judge.build(dataset, fits.get("patched", fits["refit"]))
+        before, after = (judge.log_native_errors(x.fit) for x in (whole, restored))
+        if is_outdone(after, before):
+            refits["patched"] = whole
         if not hypothesis.named:
             refits["refit"] = refits["patched"]
         fitted = {name: refit.fit for name, refit in refits.items()}

@@ -82,7 +82,7 @@ def restore_stated(base: LinearizedFit, errors: Floats) -> LinearizedFit:
     terms, half = base.fit.terms, FIT.interval_standard_errors * errors
     restored = _find_restorable(base, FIT.interval_factor * half)
     fit = replace(base.fit, terms=fix_effects(base.fit))
-    less = _fit_restored(fit, restored, 1) if restored.size else fit
+    less = _fit_restored(fit, restored, 4) if restored.size else fit
     half = np.where(np.isin(np.arange(len(half)), restored), 0.0, half)
     values = _round(LinearizedFit.from_fit(less), half, is_stated(terms))
     return LinearizedFit.from_fit(replace(less, terms=terms, values=values))
