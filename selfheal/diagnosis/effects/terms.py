@@ -1,6 +1,6 @@
 """What several terms are to each other, and terms changed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,6 @@ from .places import add_keys
 
 # initial values of a term whose places share its values, at most; chosen: joints of one
 # robot differ by a factor of a thousand at most, and a fit moves by ten
-MAX_SHARED_STARTS = 6
 
 
 def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
@@ -91,66 +90,6 @@ def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
         if set(other.effect.overrides) & set(term.effect.overrides):
             return term.effect.start_from(term, float(values[first]))
     return term
-
-
-def share_values(terms: Sequence[Term]) -> list[Term]:
-    """One term in place of those of one effect whose values have the same units.
-
-    Its places share its values, as the joints of a robot with equal drives do. Its
-    bounds hold all of theirs.
-
-    Args:
-        terms: each at its own places.
-    """
-    groups: dict[tuple, list[Term]] = {}
-    for t in terms:
-        fields = tuple(t.finding_fields.items())
-        units = tuple(p.unit for p in t.parameters)
-        groups.setdefault((t.effect.name, fields, units), []).append(t)
-    return [_share_values_of_one_effect(group) for group in groups.values()]
-
-
-def _share_values_of_one_effect(terms: Sequence[Term]) -> Term:
-    """The term in place of all; its initial values are spread over theirs."""
-    starts = sorted({start for t in terms for start in t.initial_values})
-    count = min(len(starts), MAX_SHARED_STARTS)
-    chosen = np.linspace(0, len(starts) - 1, count).round().astype(int)
-    parameters = tuple(
-        replace(
-            alike[0],
-            low=min(p.low for p in alike),
-            high=max(p.high for p in alike),
-            scale=float(np.median([p.scale for p in alike])),
-        )
-        for alike in zip(*(t.parameters for t in terms), strict=True)
-    )
-    return replace(
-        terms[0],
-        targets=tuple(target for t in terms for target in t.targets),
-        places=tuple(place for t in terms for place in t.places),
-        parameters=parameters,
-        initial_values=tuple(starts[i] for i in chosen),
-    )
-
-
-def spread_values(
-    shared: Mapping[Term, Floats], among: Sequence[Term]
-) -> dict[Term, Floats]:
-    """Terms of single places that shared ones stand for, and their values (p).
-
-    Args:
-        shared: terms whose places share values, and the values (p) of each.
-        among: terms to choose from; each gets values within its own bounds.
-    """
-    return {
-        own: np.clip(values, own.low, own.high)
-        for term, values in shared.items()
-        for own in among
-        if own.effect is term.effect
-        and own.finding_fields == term.finding_fields
-        and len(own.targets) == 1
-        and own.targets[0] in term.targets
-    }
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:

@@ -66,8 +66,8 @@ class SegmentErrors(ErrorModel):
     ) -> Errors:
         """Changes (K, ...) of errors by what nobody knows, each of one deviation.
 
-        Commands that act half a step later and, where nothing touches, the error of the
-        time step.
+        Commands that act half a step later, given states of half a step later and,
+        where nothing touches, the error of the time step.
 
         Args:
             terms: of the hypothesis.
@@ -80,7 +80,29 @@ class SegmentErrors(ErrorModel):
         found = [0.5 / COMMAND_LATENESS * fit.clock_error()]
         if not self.problem.regime.has_rough_cost:
             found.append(fit.timestep_error())
+        if (late := self._differentiate_given(errors.values)).any():
+            found.append(late)
         return Errors(np.array(found), np.zeros(len(found)))
+
+    def _differentiate_given(self, errors: Floats) -> Floats:
+        """Change of errors (R C) where episodes begin at given states, half a step on.
+
+        A robot that was simulated is there half a step, of its own, earlier or later.
+        """
+        problem, segments = self.problem, self.problem.segments
+        simulator, out = problem.simulator, np.zeros_like(errors)
+        rows = out.reshape(self.rows, -1)
+        readings = np.nan_to_num(segments.readings / problem.sigma)
+        predicted = errors.reshape(rows.shape) + readings
+        half = 0.5 / simulator.coarsening  # of a step
+        for i in np.flatnonzero(segments.first_step == 0):
+            own = np.flatnonzero(segments.segment_of_sample == i)
+            if simulator.episodes[segments.episode[i]].qpos0 is None or len(own) < 2:
+                continue
+            steps = segments.sample_steps[own]
+            slope = np.gradient(predicted[own], steps, axis=0)
+            rows[own] = half * np.where(np.isfinite(segments.readings[own]), slope, 0.0)
+        return out
 
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""

@@ -228,23 +228,6 @@ def exchange_term(old: ScoredFit, term: Term, others: Sequence[Term]) -> ScoredF
     return old
 
 
-def exchange_equivalent(
-    old: ScoredFit, term: Term, others: Sequence[Term]
-) -> ScoredFit:
-    """The fit with an equivalent term in one's place, if that predicts better.
-
-    Only a usual or a simpler one does: an equivalent is no likelier for predicting a
-    little better.
-
-    Args:
-        old: the fit with the term.
-        term: that may be exchanged.
-        others: terms that the data may not tell from it.
-    """
-    likely = [t for t in others if t.effect.is_usual(t) or is_simpler(t, term)]
-    return exchange_term(old, term, likely)
-
-
 def _keep_promising(fit: Fit, term: Term, others: Sequence[Term]) -> list[Term]:
     """Those of some terms that are simpler than a term, or may predict better.
 

@@ -46,19 +46,19 @@ def search_linear_model(
         rng: draws noise and resamples.
         record: of what was tried and found.
     """
-    states, candidates = [state], state.candidates
+    states = [state]
     if balance := _balance_torques(state, rng, record):
-        shown = [t for t in candidates if can_be_linear(t)]
+        shown = [t for t in state.candidates if can_be_linear(t)]
         states += _walk(Search(balance, shown, record), state, longer, rng, record)
-        candidates = [t for t in candidates if not can_be_linear(t)]
-    if candidates and not states[-1].is_explained:
-        record("predicting segments", 0.0)
-        fit, count = states[-1].best.fit, state.nominal_count
-        errors = SegmentErrors(fit.problem)
-        start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
-        search = Search(start, candidates, record)
-        states += _walk(search, states[-1], longer, rng, record)
-    return states
+        if states[-1].is_explained:
+            record.add_tried(state.candidates)  # nothing is left for others
+            return states
+    record("predicting segments", 0.0)
+    fit, count = states[-1].best.fit, state.nominal_count
+    errors = SegmentErrors(fit.problem)
+    start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
+    search = Search(start, state.candidates, record)
+    return [*states, *_walk(search, states[-1], longer, rng, record)]
 
 
 def _balance_torques(

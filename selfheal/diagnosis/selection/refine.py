@@ -25,7 +25,6 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from .backward import exchange_equivalent
 from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .screening import count_native_steps, mean_seconds, subsample_problem
@@ -152,24 +151,6 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
     scored = ScoredFit.from_fit(final)
     scored_alone = ScoredFit.from_fit(alone) if hypothesis.named else scored
     return replace(hypothesis, nominal=scored_alone, final=scored)
-
-
-def choose_equivalents(hypothesis: Hypothesis) -> Hypothesis:
-    """Exchange each name for an equivalent one that predicts better, or is simpler.
-
-    More and longer segments than those that named it may tell two effects apart. And a
-    parameter may turn out to do nothing, such as the speed at which a motor's torque
-    ends.
-    """
-    for name in hypothesis.named:
-        final = exchange_equivalent(hypothesis.final, name.term, name.equivalent)
-        if final is hypothesis.final:
-            continue
-        rest = tuple(t for t in name.equivalent if t.key != final.candidate.key)
-        new = replace(name, term=final.candidate, equivalent=(name.term, *rest))
-        named = tuple(new if n is name else n for n in hypothesis.named)
-        hypothesis = replace(hypothesis, final=final, named=named)
-    return hypothesis
 
 
 def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:

@@ -187,10 +187,6 @@ class SelectionSettings:
     """Share by which the error may grow where an effect is removed. Chosen: as much as
     a name must remove where nothing touches (`Regime.min_gain`)."""
 
-    sweeps_of_initial_values: int = 2
-    """Times that each effect of all joints chooses its initial values. Chosen: the
-    second time beside those of all others."""
-
     reweightings_of_all: int = 2
     """Fits of all usual effects with weights set anew. Chosen: errors fall by a hundred
     in the first, and hardly in a third."""
@@ -289,25 +285,6 @@ class SelectionSettings:
 
     min_quantization_residual_share: float = 0.25
     """Share of a residual's variance that rounding must be. Chosen: much of it."""
-
-    # Held-out episodes
-
-    min_held_out_gain: float = 0.01
-    """Share of the error in held-out episodes that a name must remove. Chosen: half of
-    what it must remove where it was fitted."""
-
-    max_trifle: float = 0.1
-    """Share of the held-out error that is no trifle, however much all names explain.
-    Chosen: as much as a drive's effect removes that is worth a name."""
-
-    min_held_out_share: float = 0.003
-    """Share of what all names together remove in held-out episodes that one of them
-    must remove where more than noise is left. Chosen: less is a trifle beside them."""
-
-    min_held_out_effect: float = 0.1
-    """Change of held-out predictions, of the change where fitted, below which held-out
-    episodes cannot refute a name. Chosen: a rotor's inertia hardly shows where nothing
-    moves fast."""
 
     # What is handed over
 
