@@ -198,8 +198,8 @@ def _compute_size(errors: Floats, scale: Floats) -> float:
 def estimate_independence(whitening: Whitening) -> float:
     """Share of rows that are independent, by the correlation of innovations in time.
 
-    1 / (1 + 2 sum_k w_k rho_k), with Bartlett's weights of lags up to the root of the
-    number of rows (Newey and West 1987), at most 1; the mean over the columns.
+    1 / (1 + 2 sum_k w_k rho_k), at most 1, with Bartlett's weights (Newey and West
+    1987) of lags up to the root of the number of rows. The mean over the columns.
     """
     x = whitening.weights * whitening.errors
     group = np.cumsum(~whitening.follows)

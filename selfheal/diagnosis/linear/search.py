@@ -151,9 +151,9 @@ class Search:
             rng: draws resamples of the blocks.
 
         Returns:
-            Gain of the likelihood [nats] per independent error; p-value of its
+            Gain of the likelihood [nats] per independent error. The p-value of its
             likelihood-ratio test (Wilks 1938), corrected for all candidates
-            (Bonferroni); share of resamples of the blocks that it helps to predict.
+            (Bonferroni). Share of resamples of the blocks that it helps to predict.
         """
         from scipy.stats import chi2
 

@@ -25,7 +25,7 @@ from ..simulation.dataset import (
 from ..simulation.score import log_errors
 from ..simulation.simulator import Simulator
 
-MIN_SEGMENTS = 3  # of which a standard error can be had
+FEWEST_SEGMENTS = 3  # of which a standard error can be had
 LEVEL = 0.05  # of the tests
 MOST_NATS = 10.0  # of a segment, beyond any that a prediction may be better by
 
@@ -51,7 +51,7 @@ class Judge:
             for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)
         )
         found = keep_informative(problems, fit.terms, fit.values)
-        horizons = [p.segments for p in found if len(p.segments) >= MIN_SEGMENTS]
+        horizons = [p.segments for p in found if len(p.segments) >= FEWEST_SEGMENTS]
         return cls(simulator, tuple(horizons or [found[0].segments]))
 
     def log_errors(self, fit: Fit) -> list[Floats]:
@@ -62,7 +62,7 @@ class Judge:
         ]
 
     def log_native_errors(self, fit: Fit) -> list[Floats]:
-        """The same where MuJoCo steps the given model."""
+        """Errors (W) [nats] of each length where MuJoCo steps the given model."""
         simulator, count = self.simulator.native, self.simulator.coarsening
         return [
             log_errors(simulator, s.with_finer_steps(count), fit.terms, fit.values)

@@ -81,9 +81,41 @@ def test_errors_of_which_no_noise_is_known_are_independent_columns():
     assert whitening.errors * whitening.scale == pytest.approx(values)
 
 
-def test_neighbors_that_are_alike_count_once():
-    values, noise, volume = make_errors(np.random.default_rng(6))
-    alone = estimate_independence(whiten(values, noise, volume))
-    four, alike = (np.repeat(x[: ROWS // 4], 4, axis=0) for x in (values, noise))
-    share = estimate_independence(whiten(four, alike, volume))
-    assert alone > 0.8 and 0.15 < share < 0.45
+def test_what_lasts_beside_noise_makes_fewer_independent_rows():
+    rng = np.random.default_rng(6)
+    values, noise, volume = make_errors(rng)
+    slow = np.repeat(rng.normal(size=(ROWS // 20, 3)), 20, axis=0)
+    lasting = values + 0.5 * values.std(axis=0) * slow
+    alone, share = (
+        estimate_independence(whiten(x, noise, volume, follows=True))
+        for x in (values, lasting)
+    )
+    assert alone > 0.8 > 0.6 > share
+
+
+def test_errors_that_last_are_predicted_from_those_before():
+    rng = np.random.default_rng(7)
+    values, noise, volume = make_errors(rng)
+    for i in range(1, ROWS):
+        values[i] += 0.8 * values[i - 1]
+    apart, together = (whiten(values, noise, volume, follows=x) for x in (False, True))
+    assert together.memory[2] == pytest.approx(0.8, abs=0.1)
+    assert together.loss < apart.loss - ROWS / 4
+    assert not apart.memory.any()
+
+
+def test_forces_that_may_be_undecided_are_so_only_where_errors_tell():
+    rng = np.random.default_rng(8)
+    values, noise, volume = make_errors(rng)
+    slack = np.full((ROWS, 2), 100.0)
+    follows = np.zeros(ROWS, bool)
+    without = likelihood.whiten(values, noise, volume, follows)
+    hardly = likelihood.whiten(values, noise, volume, follows, slack)
+    assert hardly.loss == pytest.approx(without.loss, abs=3)
+    loose, slack = values.copy(), np.zeros((ROWS, 2))
+    loose[::4, 0] += 10 * rng.normal(size=ROWS // 4)
+    slack[::4, 0] = 100.0
+    losses = [
+        likelihood.whiten(loose, noise, volume, follows, s).loss for s in (slack, 0.0)
+    ]
+    assert losses[0] < losses[1] - 10
