@@ -24,6 +24,7 @@ from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 TRIED = 5  # moves that are fitted in vain, or beyond the best one
+NEAR_SHARE = 0.5  # of the largest gain that is predicted: by the curvature of none
 FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
 MOST_EFFECTS = 60
 RESAMPLES = 200
@@ -227,27 +228,33 @@ class Search:
             self.say(
                 f"trying {move[0].term.label}, which explains {gain:.0f} nats", 0.0
             )
-        new, best, worse = None, 0.0, 0
+        earned: list[tuple[float, float, float, LinearFit]] = []
+        best, worse = 0.0, 0
+        likely = NEAR_SHARE * max(most.values(), default=0.0)
         for _, move, coordinates in ranked:
-            if most[id(move)] < best or worse == TRIED:
+            if most[id(move)] < min(best, likely) or worse == TRIED:
                 break
             tried = self._eliminate(add_terms(fit, move, coordinates))
             share, rows = self._independence(tried)
-            net = share * (fit.cost - tried.cost)
-            net -= sum(self._penalty(t, rows) for t in tried.named)
-            net += sum(self._penalty(t, rows) for t in fit.named)
+            price = sum(self._penalty(t, rows) for t in tried.named)
+            price -= sum(self._penalty(t, rows) for t in fit.named)
+            gain = fit.cost - tried.cost
             is_small = all(
                 t in fit.named or t.is_negligible(v)
                 for t, v in zip(tried.named, tried.named_values, strict=True)
             )
-            if compute_gains(fit, tried).sum() < 0:
-                net = -np.inf
-            if net < 0 or is_small:
+            net = share * gain - price
+            if is_small or net < 0 or compute_gains(fit, tried).sum() < 0:
                 self._excluded.add(name_move(move))
-            if net > best and not is_small:
-                new, best = tried, net
-            worse += new is not tried
-        return new
+                worse += 1
+                continue
+            earned.append((gain, price, share, tried))
+            worse += net <= best
+            best = max(best, net)
+        if not earned:
+            return None
+        least = min(share for _, _, share, _ in earned)  # alike for all
+        return max(earned, key=lambda x: least * x[0] - x[1])[-1]
 
     def _sum_penalties(self, move: Move, rows: float) -> float:
         """[nats] by which a move has to lower the cost."""
