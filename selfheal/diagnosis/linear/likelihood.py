@@ -196,18 +196,19 @@ def _compute_size(errors: Floats, scale: Floats) -> float:
 
 
 def estimate_independence(whitening: Whitening) -> float:
-    """Share of rows that are independent, by the correlation of innovations in time.
+    """Share of rows that are independent, by the correlation of neighbors in time.
 
-    1 / (1 + 2 sum_k w_k rho_k), at most 1, with Bartlett's weights (Newey and West
-    1987) of lags up to the root of the number of rows. The mean over the columns.
+    R / (1 + 2 sum_k rho_k), over the lags whose autocorrelation is beyond two standard
+    errors of none; the mean over the columns of innovations.
     """
     x = whitening.weights * whitening.errors
-    group = np.cumsum(~whitening.follows)
-    lags = int(np.sqrt(len(x)))
-    total = np.ones(x.shape[1])
-    power = np.maximum((x**2).sum(axis=0), np.finfo(float).tiny)
-    for lag in range(1, lags + 1):
-        is_near = group[lag:] == group[:-lag]
-        product = (x[lag:] * x[:-lag])[is_near].sum(axis=0)
-        total += 2 * (1 - lag / (lags + 1)) * product / power
-    return float(np.mean(1 / np.maximum(total, 1.0)))
+    count, shares = len(x), []
+    for column in x.T:
+        total, power = 1.0, column @ column
+        for lag in range(1, count // 4):
+            rho = column[lag:] @ column[:-lag] / power
+            if rho < 2 / np.sqrt(count):
+                break
+            total += 2 * rho
+        shares.append(1 / total)
+    return float(np.mean(shares))

@@ -31,10 +31,11 @@ Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
 def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """The fewest names beside which no others predict held-out episodes clearly better.
+    """The fewest names that predict held-out episodes within a standard error of best.
 
-    That is by a one-sided test of paired differences. Where more than noise is left,
-    each further effect explains some of it in the episodes that were fitted.
+    The rule of one standard error (Breiman et al. 1984), of paired differences. Where
+    more than noise is left, each further effect explains some of it in the episodes
+    that were fitted.
     """
     if len(hypotheses) == 1:
         return hypotheses[0]
@@ -45,7 +46,7 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
     order = sorted(zip(hypotheses, errors, means, strict=True), key=lambda x: x[2])
     best = order[0]
     order.sort(key=lambda x: len(x[0].named))  # of as many names the best comes first
-    return next(h for h, e, _ in order if not is_clearly_better(best[1], e))
+    return next(h for h, e, _ in order if compare(best[1], e).mean() <= 1)
 
 
 def keep_predictive(
