@@ -18,6 +18,7 @@ from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
+from ..estimation.settings import FIT
 from ..simulation.dataset import Dataset
 from .backward import fit_without
 from .cross_validation import ScoredFit
@@ -114,8 +115,8 @@ def _find_harmful(
 ) -> tuple[NamedEffect, Fit] | None:
     """A name that fitted episodes do not tell, or the one that harms most.
 
-    That is the one without which held-out episodes are predicted best, if clearly
-    better.
+    That is the one without which held-out episodes are predicted best: clearly better,
+    and by more nats of a segment than fitted ones are worse.
 
     Args:
         hypothesis: with names.
@@ -138,8 +139,10 @@ def _find_harmful(
         if not is_told:
             return name, less
         without = judge.log_errors(less)
+        gained = 0.5 * np.log(max(less.cost, FIT.tiny) / max(fit.cost, FIT.tiny))
+        lost = np.mean([(a - b).mean() for a, b in zip(errors, without, strict=True)])
         lead = float(compare(without, errors).mean())
-        if is_clearly_better(without, errors) and lead > most:
+        if is_clearly_better(without, errors) and lost > gained and lead > most:
             worst, most = (name, less), lead
     return worst
 
