@@ -84,8 +84,6 @@ class ActuatorLag(ActuatorEffect):
     separate_by = "command sines of rising frequency: a lag weakens them, a delay not"
     phrase = "{at} follows its commands with a time constant of {timeconst} {lacks}"
     parameters = (ParameterSpec("timeconst", "s", nominal=0.0, nonnegative=True),)
-    is_of_drives = True
-    resembles = "command_delay"
     is_shared = True
     holds_previous_command = True
 

@@ -147,12 +147,8 @@ class Effect:
             empty: all parameters, always.
         finding_fields: what a finding says beside its target and parameters.
         is_common: whether most robots have some of it at each single target.
-        is_of_drives: whether models of drives have it beside the common effects (as
-            M2 to M6 of BAM do), so that it is tried at all of them at once.
         rarity: a rank of how seldom a model lacks it, 0 to 2; chosen: people measure
             lengths (2) better than loads (1), and those better than friction (0).
-        resembles: name of the common effect that does nearly the same, with one
-            parameter of the same unit.
         restates_nominal: whether it says that a value or law of the model is wrong.
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
@@ -185,8 +181,6 @@ class Effect:
     finding_fields: tuple[FindingField, ...] = ()
     # how likely it is before any data
     is_common = False
-    is_of_drives = False
-    resembles = ""
     rarity = 0
     restates_nominal = False
     overrides: tuple[str, ...] = ()
@@ -287,10 +281,6 @@ class Effect:
     def is_usual(self, term: Term) -> bool:
         """Whether most robots have some of it there, whatever else is missing."""
         return self.is_common and len(term.targets) == 1
-
-    def is_in_drive_model(self, term: Term) -> bool:
-        """Whether a drive that shows more than usual effects is likely to have it."""
-        return self.is_of_drives
 
     def is_directly_observed(self, term: Term) -> bool:
         """Whether the readings themselves show it, and not only the fit."""

@@ -157,7 +157,6 @@ class StribeckFriction(FrictionEffect):
         ParameterSpec("static", "N m", nonnegative=True),
         ParameterSpec("stribeck_velocity", "rad/s", nonnegative=True),
     )
-    is_of_drives = True
     overrides = ("frictionloss",)
 
     def make_parameters(self, robot, joint):
@@ -248,9 +247,6 @@ class LoadDependentFriction(FrictionEffect):
 
     def is_usual(self, term):
         return super().is_usual(term) and not term.finding_fields
-
-    def is_in_drive_model(self, term):
-        return bool(term.finding_fields)
 
     def apply_forces(self, state, place, values):
         dof = place["dof"]

@@ -10,9 +10,6 @@ from ...recording.data import Floats
 from .base import Term
 from .places import add_keys
 
-# initial values of a term whose places share its values, at most; chosen: joints of one
-# robot differ by a factor of a thousand at most, and a fit moves by ten
-
 
 def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
     """Whether no kept term has the term's effect at one of its targets."""

@@ -2,7 +2,7 @@
 
 Blocks of neighboring rows are predicted by values that the other blocks tell, in one
 Gauss-Newton step of each (Stone 1974). What a fit misses is alike within a block, so
-that only what helps in most of them is worth a name.
+that what helps where it was fitted alone earns no name.
 """
 
 import numpy as np

@@ -10,7 +10,6 @@ from itertools import chain
 
 import numpy as np
 
-from ...recording.data import Floats
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
 from ..estimation.fit import Fit
@@ -181,16 +180,7 @@ def squared_error(problem: Problem, fit: Fit) -> float:
     return float((problem.residuals_at(fit.terms, fit.values) ** 2).sum())
 
 
-def squared_error_with_own_states(problem: Problem, fit: Fit) -> float:
-    """Squared error [1] of a fit, less what errors of its initial states explain."""
-    return squared_error(
-        marginalize_initial_states(problem, fit.terms, fit.values), fit
-    )
-
-
-def squared_error_reestimated(
-    problem: Problem, fit: Fit, residuals: Floats | None = None
-) -> float:
+def squared_error_reestimated(problem: Problem, fit: Fit) -> float:
     """Squared error [1] of a fit with the initial states that are likeliest for it.
 
     Those of the problem where none had to be searched for.
@@ -198,10 +188,7 @@ def squared_error_reestimated(
     Args:
         problem: that the fit was not fitted to.
         fit: to be judged.
-        residuals: (R) [1] from the problem's initial states, if they are known.
     """
     if problem.initial_state_shift is not None:
-        return squared_error_with_own_states(problem, fit)
-    if residuals is None:
-        return squared_error(problem, fit)
-    return float(residuals @ residuals)
+        problem = marginalize_initial_states(problem, fit.terms, fit.values)
+    return squared_error(problem, fit)
