@@ -62,13 +62,22 @@ class Search:
         self.first_ranking: tuple[tuple[Term, float], ...] = ()
 
     def run(self) -> LinearFit:
-        """The set of effects at the end, fitted."""
-        self._directions, is_fresh = self._propose(), True
+        """The set of effects after all moves that are worth it, fitted."""
+        while self.make_move():
+            pass
+        self.fit = refine(self.fit)
+        self.finish()
+        return self.fit
+
+    def make_move(self) -> bool:
+        """Make the move that is worth most, if one is; whether it was made."""
         while len(self.fit.named) < MOST_EFFECTS:
-            new = self._select(self._directions)
-            if new is not None:
-                before = {t.key for t in self.fit.named}
-                self.fit, is_fresh = new, False
+            is_fresh = not self._directions
+            if is_fresh:
+                self._directions = self._propose()
+            before = {t.key for t in self.fit.named}
+            if new := self._select(self._directions):
+                self.fit = new
                 for term in new.named:
                     if term.key not in before:
                         self._exchange(term, is_alike=True)
@@ -76,18 +85,20 @@ class Search:
                 self.path.append(self.fit)
                 gone = before - {t.key for t in self.fit.named}
                 self._excluded |= {str(key) for key in gone}
-            elif is_fresh:
+                return True
+            if is_fresh:
                 break
-            else:  # what was found may have made others visible
-                self.fit = refine(self.fit)
-                self._excluded = set()
-                self._directions, is_fresh = self._propose(), True
-        self.fit = self._eliminate(refine(self.fit))
+            self.fit = refine(self.fit)  # what was found may have made others visible
+            self._excluded, self._directions = set(), []
+        return False
+
+    def finish(self) -> None:
+        """Remove what is needless, and exchange what has a likelier form."""
+        self.fit = self._eliminate(self.fit)
         for term in self.fit.named:
             self._exchange(term)
         self.fit = self._eliminate(self.fit)
         self.path.append(self.fit)
-        return self.fit
 
     def _exchange(self, term: Term, *, is_alike: bool = False) -> None:
         """Put another form of a term in its place where that is likelier.
@@ -161,7 +172,7 @@ class Search:
         share, rows = self._independence(fit)
         less = remove_terms(fit, [fit.terms.index(term)])
         nats = max(share * (less.cost - fit.cost), 0.0)
-        p_value = len(self.candidates) * chi2.sf(2 * nats, len(term.parameters))
+        p_value = len(self.candidates) * chi2.sf(2 * nats, max(len(term.parameters), 1))
         gains = compute_gains(less, fit)
         draws = rng.integers(len(gains), size=(RESAMPLES, len(gains)))
         stability = (gains[draws].sum(axis=1) > 0).mean()

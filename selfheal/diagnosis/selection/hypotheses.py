@@ -126,8 +126,6 @@ def name_effects(
         rng: draws segments and resamples.
         record: of what was tried and found.
     """
-    if problem.regime.has_single_readings:  # poses do not show what most robots have
-        return [_finish_search(search_forward(start, rng, record), problem)]
     steps = _count_search_steps(start.nominal_count)
     if any(t.onset for t in start.candidates):  # it is where a segment begins
         longer = longer[:1]
@@ -135,10 +133,7 @@ def name_effects(
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(start, problem)]
-    if problem.regime.has_rough_cost:
-        found = [_search_to_end(start, longer, rng, record)]
-    else:
-        found = _search_smooth(start, longer, rng, record)
+    found = _search_smooth(start, longer, rng, record)
     return [_finish_search(state, problem) for state in found]
 
 

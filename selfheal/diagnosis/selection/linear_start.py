@@ -54,11 +54,55 @@ def search_linear_model(
             record.add_tried(state.candidates)  # nothing is left for others
             return states
     record("predicting segments", 0.0)
-    fit, count = states[-1].best.fit, state.nominal_count
+    regime = state.problem.regime
+    if regime.has_rough_cost or regime.has_single_readings:
+        return _alternate(states, longer, rng, record)
+    search = _search_segments(states[-1], record)
+    return [*states, *_walk(search, states[-1], longer, rng, record)]
+
+
+def _search_segments(state: SearchState, record: SearchRecord) -> Search:
+    """The search for more effects by predictions of segments."""
+    fit, count = state.best.fit, state.nominal_count
     errors = SegmentErrors(fit.problem)
     start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
-    search = Search(start, state.candidates, record)
-    return [*states, *_walk(search, states[-1], longer, rng, record)]
+    return Search(start, state.candidates, record)
+
+
+def _alternate(
+    states: Sequence[SearchState],
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> list[SearchState]:
+    """States with one move more each, fitted to simulations before the next one.
+
+    Where something touches a linear model holds near its values alone.
+
+    Args:
+        states: to go on from.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        record: of what was tried and found.
+    """
+    found = list(states)
+    while not found[-1].is_explained:
+        search = _search_segments(found[-1], record)
+        is_moved = search.make_move()
+        record.add_tried(search.candidates)
+        state = _keep_ranking(found[-1], search)
+        if not is_moved:
+            break
+        search.finish()
+        found.append(_fit_set(search, search.fit, state, longer, rng, record))
+    return found
+
+
+def _keep_ranking(state: SearchState, search: Search) -> SearchState:
+    """The state with the first ranking of all."""
+    if state.first_round:
+        return state
+    return replace(state, first_round=search.first_ranking)
 
 
 def _balance_torques(
@@ -95,25 +139,44 @@ def _walk(
     """
     search.run()
     record.add_tried(search.candidates)
-    if not state.first_round:
-        state = replace(state, first_round=search.first_ranking)
+    state = _keep_ranking(state, search)
     found, seen = [], {frozenset(t.key for t in state.named)}
     for linear in reversed(search.path):
         keys = frozenset(t.key for t in linear.named)
         if keys in seen:
             continue
         seen.add(keys)
-        record(f"fitting {len(keys)} effects to simulations", 0.0)
-        linear = refine(linear)
-        fitted = _fit_to_simulations(state, linear, longer, record)
-        for term in linear.named:
-            rivals = search.find_rivals(linear, term)
-            evidence = Evidence(*search.weigh(linear, term, rng))
-            fitted = fitted.with_claim(term, Claim(evidence, rivals, rivals))
-        found.append(fitted)
-        if fitted.is_explained:
-            return [fitted]
+        found.append(_fit_set(search, refine(linear), state, longer, rng, record))
+        if found[-1].is_explained:
+            return found[-1:]
     return found[::-1]
+
+
+def _fit_set(
+    search: Search,
+    linear: LinearFit,
+    state: SearchState,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> SearchState:
+    """The state with a set of effects fitted to simulations, and what speaks for each.
+
+    Args:
+        search: that met the set.
+        linear: fit of it.
+        state: whose segments are fitted first.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        record: of what was tried and found.
+    """
+    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
+    fitted = _fit_to_simulations(state, linear, longer, record)
+    for term in linear.named:
+        rivals = search.find_rivals(linear, term)
+        evidence = Evidence(*search.weigh(linear, term, rng))
+        fitted = fitted.with_claim(term, Claim(evidence, rivals, rivals))
+    return fitted
 
 
 def _fit_to_simulations(
