@@ -182,7 +182,7 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
     if seconds:
         problem = marginalize_initial_states(problem, terms, begin)
     fit = fit_parameters(problem, terms, begin)
-    return reweight_and_fit(fit, 8).fit.values
+    return reweight_and_fit(fit, 8).values
 
 
 def fit_with_sysid(robot: HiddenArm) -> np.ndarray:

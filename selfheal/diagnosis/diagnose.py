@@ -3,7 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -36,26 +36,26 @@ from .selection.hypotheses import (
     name_effects,
     start_search,
 )
-from .selection.judge import Judge, is_outdone
 from .selection.quantization import name_quantization
 from .selection.refine import refine_hypothesis
-from .selection.replay_scores import HeldOutScores
+from .selection.replay_scores import HeldOutScores, explainable_removed
 from .selection.search_record import SearchRecord
 from .selection.search_state import SearchState
 from .selection.stated_values import (
     hold_stated,
     round_effects,
 )
+from .selection.structure import RemainingStructure, analyze_remaining
 from .selection.verdict import (
-    RemainingStructure,
-    analyze_remaining,
+    Outcome,
+    Verdict,
     decide_verdict,
     drop_names,
+    explains_too_little,
+    is_outdone_by_refit,
     is_replay_off,
-    limit_verdict,
     predicts_worse,
     removes_too_little,
-    withhold_verdict,
 )
 from .simulation.cache import OutOfTime
 from .simulation.checks import check_dataset
@@ -118,11 +118,11 @@ def diagnose(
     untried = record.list_untried(state.candidates)
     del state  # each Jacobian of many joints takes as much as the whole program
     dataset, hypothesis = _fit_last(dataset, hypothesis, record, is_over, findings_only)
-    tested = _test(dataset, hypothesis, say)
+    tested = _test(dataset, hypothesis, is_stopped, say)
     found = build_diagnosis(
         dataset,
         tested.hypothesis,
-        withhold_verdict(tested.verdict, is_stopped),
+        tested.verdict,
         tested.scores,
         tested.structure,
         tested.refuted,
@@ -188,7 +188,7 @@ def _fit_nominal(
     try:
         with problem.simulator.counter.limit(lambda: is_over(SEARCH_SHARE)):
             state = start(build_nominal_terms(dataset.robot))
-            onset = None if state.is_explained else detect_change_point(state.best.fit)
+            onset = None if state.is_explained else detect_change_point(state.best)
     except OutOfTime:
         record.stop()
         return state or start(()), None
@@ -222,7 +222,7 @@ def _choose_effects(
             found = name_effects(state, problem, longer, rng=rng, record=record)
     except OutOfTime:
         record.stop()
-        found = finish_early(record, state, problem, rng)
+        found = finish_early(record, state, problem)
     return choose_hypothesis(dataset, found)
 
 
@@ -267,25 +267,28 @@ class _Tested:
 
     Attributes:
         hypothesis: with the names that stand.
-        verdict: "explained", "partly", "unlisted" or "nothing".
+        verdict: on it.
         scores: errors in held-out episodes.
         structure: what the names leave.
         refuted: labels of the names that do not stand.
     """
 
     hypothesis: Hypothesis
-    verdict: str
+    verdict: Verdict
     scores: HeldOutScores
     structure: RemainingStructure
     refuted: tuple[str, ...]
 
 
-def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
+def _test(
+    dataset: Dataset, hypothesis: Hypothesis, is_stopped: bool, say: Progress
+) -> _Tested:
     """Stage 4: which names hold in the held-out episodes, and what they leave.
 
     Args:
         dataset: with the held-out episodes.
         hypothesis: after its last fit.
+        is_stopped: whether the search was stopped before its end.
         say: called with a message and a share (0 to 1).
     """
     say("testing what was found on the held-out episodes", 0.0)
@@ -293,48 +296,33 @@ def _test(dataset: Dataset, hypothesis: Hypothesis, say: Progress) -> _Tested:
     hypothesis = round_effects(hypothesis)
     say("looking for what has no name", 0.0)
     structure = analyze_remaining(dataset, hypothesis)
-    hypothesis, verdict = decide_verdict(hypothesis, structure)
+    if explains_too_little(structure):
+        hypothesis = drop_names(hypothesis)
     scores = HeldOutScores.compute(dataset, hypothesis)
-    is_worse = predicts_worse(scores, ("given",)) or _is_outdone(dataset, scores)
-    if hypothesis.named and (
-        is_worse or removes_too_little(dataset, hypothesis, scores)
-    ):
+    is_worse = bool(hypothesis.named) and (
+        predicts_worse(scores, ("given",)) or is_outdone_by_refit(dataset, scores)
+    )
+    if is_worse or removes_too_little(dataset, hypothesis, scores):
         # what does not predict where nothing was fitted is no finding
         refuted = (*refuted, *(n.term.label for n in hypothesis.named))
-        hypothesis, verdict = decide_verdict(drop_names(hypothesis), structure)
-        verdict = "unlisted" if is_worse else verdict
+        hypothesis = drop_names(hypothesis)
         scores = HeldOutScores.compute(dataset, hypothesis)
     if not hypothesis.named and predicts_worse(scores, ("given",)):
         hypothesis = hold_stated(hypothesis)
         scores = HeldOutScores.compute(dataset, hypothesis)
-    tested = _Tested(hypothesis, verdict, scores, structure, refuted)
-    tested = _add_quantization(dataset, tested)
-    if is_replay_off(dataset, tested.hypothesis, tested.scores):
-        lowered = {"explained": "partly", "nothing": "unlisted"}
-        verdict = lowered.get(tested.verdict, tested.verdict)
-        tested = replace(tested, verdict=verdict)
-    verdict = limit_verdict(tested.verdict, tested.scores)
-    return replace(tested, verdict=verdict)
-
-
-def _is_outdone(dataset: Dataset, scores: HeldOutScores) -> bool:
-    """Whether what the model states, re-fitted, predicts clearly better alone."""
-    refit, patched = scores.refits["refit"], scores.refits["patched"]
-    judge = Judge.build(dataset, patched)
-    alone, named = (judge.log_native_errors(fit) for fit in (refit, patched))
-    return is_outdone(named, alone)
-
-
-def _add_quantization(dataset: Dataset, tested: _Tested) -> _Tested:
-    """The same result, with the signals named that are quantized."""
-    catalogue = load_catalogue().values()
-    hypothesis = name_quantization(tested.hypothesis, dataset.robot, catalogue)
-    if hypothesis is tested.hypothesis:
-        return tested
-    raised = {"nothing": "explained", "unlisted": "partly"}
-    return replace(
-        tested,
-        hypothesis=hypothesis,
-        verdict=raised.get(tested.verdict, tested.verdict),
-        scores=tested.scores.with_quantization(dataset, hypothesis),
+    count, catalogue = len(hypothesis.named), load_catalogue().values()
+    hypothesis = name_quantization(hypothesis, dataset.robot, catalogue)
+    if len(hypothesis.named) > count:
+        scores = scores.with_quantization(dataset, hypothesis)
+    outcome = Outcome(
+        count > 0,
+        len(hypothesis.named) > count,
+        structure.is_significant or is_worse,
+        structure.explained,
+        is_replay_off(dataset, hypothesis, scores),
+        tuple(h.floor_ratio for h in scores.horizons),
+        tuple(explainable_removed(h.numbers) for h in scores.horizons),
+        is_stopped,
     )
+    verdict = decide_verdict(outcome)
+    return _Tested(hypothesis, verdict, scores, structure, refuted)

@@ -13,8 +13,8 @@ from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
-from selfheal.diagnosis.selection.evidence import Evidence
 from selfheal.diagnosis.selection.hypotheses import NamedEffect
+from selfheal.diagnosis.selection.search_state import Evidence
 from tests.support.recorded_robots import Bench
 
 NOISE = 1e-3  # standard deviation of a reading [its unit]

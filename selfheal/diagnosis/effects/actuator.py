@@ -50,10 +50,6 @@ class CommandDelay(ActuatorEffect):
     def applies_to(self, robot, actuator):
         return robot.model.actuator_ctrlnum[actuator.id] > 0
 
-    def rate_rarity(self, term, values):
-        """All alike are rather two clocks."""
-        return self.rarity + int(len(term.targets) > 1)
-
     def transform_command(self, ctrl, step, place, values):
         return change_columns(
             ctrl, place["controls"], lambda u: delay_column(u, values / step)
@@ -248,10 +244,6 @@ class ServoGain(ActuatorEffect):
         law = model.actuator_gaintype[a], model.actuator_biastype[a]
         is_motor = max(law) == 0 and model.actuator_gainprm[a, 0] > 0
         return is_motor or find_goal(model, a) >= 0
-
-    def rate_rarity(self, term, values):
-        """A motor is weak more seldom than what it moves is heavy."""
-        return self.rarity if len(term.parameters) > 1 else 2
 
     def edit_model(self, model, place, values):
         a = place["actuator"]

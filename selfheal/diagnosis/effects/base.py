@@ -267,32 +267,11 @@ class Effect:
         place = locate_target(model, finding["target"])
         return add_keys(place, **{name: finding[name] for name in own})
 
-    def start_from(self, term: Term, overridden: float) -> Term:
-        """A term that begins near a fitted value that it overrides.
-
-        Args:
-            term: of this effect.
-            overridden: the first value of the fitted term [its unit].
-        """
-        return term
-
     # ---- how likely it is
 
     def is_usual(self, term: Term) -> bool:
         """Whether most robots have some of it there, whatever else is missing."""
         return self.is_common and len(term.targets) == 1
-
-    def is_directly_observed(self, term: Term) -> bool:
-        """Whether the readings themselves show it, and not only the fit."""
-        return False
-
-    def is_damage(self, term: Term) -> bool:
-        """Whether readings show such a break without other effects being tried."""
-        return False
-
-    def rate_rarity(self, term: Term, values: Floats) -> int:
-        """`rarity` of a term with values (p), by which equal fits are ranked."""
-        return self.rarity
 
     def is_consistent(self, values: Floats) -> bool:
         """Whether values (p) agree with the effect's description."""

@@ -205,14 +205,6 @@ class LimbLoss(BodyEffect):
             for t in super().propose_terms(robot)
         ]
 
-    def is_damage(self, term):
-        """It has no value, so that one simulation tells what it would change."""
-        return True
-
-    def rate_rarity(self, term, values):
-        """The more bodies are lost, the rarer."""
-        return self.rarity + term.places[0]["parts"] - 1
-
     def edit_model(self, model, place, values):
         for body in list_subtree(model.body_parentid, place["body"]):
             model.body_mass[body] *= LOST_SHARE
@@ -260,14 +252,6 @@ class JointJam(JointEffect):
     def applies_to(self, robot, joint):
         """Of joints that were not seen to move, or not any more."""
         return joint.late_range < MAX_JAMMED_RANGE or not joint.measured
-
-    def is_damage(self, term):
-        """Where the joint is read: of others each would have to be tried."""
-        return term.places[0]["read"]
-
-    def is_directly_observed(self, term):
-        """Where readings are one angle and noise, as a huge friction would have it."""
-        return term.places[0]["still"]
 
     def edit_model(self, model, place, values):
         # a spring of 20 ms period or so, critically damped, that a step can carry, and

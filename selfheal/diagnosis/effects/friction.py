@@ -124,9 +124,6 @@ class CoulombFriction(FrictionEffect):
         none = ((0.0,),) if p.nominal else ()
         return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,), *none)
 
-    def start_from(self, term, overridden):
-        return replace(term, initial_values=((overridden,),))
-
     def edit_model(self, model, place, values):
         model.dof_frictionloss[place["dof"]] = values[0]
 
@@ -181,17 +178,6 @@ class StribeckFriction(FrictionEffect):
             (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
             (now + t, now + 3 * t, 0.02 * v),
         )  # fmt: skip
-
-    def start_from(self, term, overridden):
-        """At least as much at rest as one dry friction for all speeds was."""
-        coulomb, static, speed = term.parameters
-        static = replace(static, low=min(overridden, static.high))
-        starts = tuple(
-            (0.9 * overridden, 1.3 * overridden, share * speed.high)
-            for share in START_SPEEDS
-        )
-        parameters = (coulomb, static, speed)
-        return replace(term, parameters=parameters, initial_values=starts)
 
     def is_consistent(self, values):
         return bool(values[1] > values[0])
@@ -284,10 +270,6 @@ class AsymmetricFriction(FrictionEffect):
             )
             for name in ("positive", "negative")
         )
-
-    def start_from(self, term, overridden):
-        more, less = 1.2 * overridden, 0.8 * overridden
-        return replace(term, initial_values=((more, less), (less, more)))
 
     def is_consistent(self, values):
         return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))

@@ -36,15 +36,6 @@ def extend_places(term: Term, **more: Any) -> Term:
     return replace(term, places=tuple(add_keys(place, **more) for place in term.places))
 
 
-def restates_nominal_value(term: Term, nominal_terms: Sequence[Term]) -> bool:
-    """Whether a term fits again a value of the model that a nominal term fits too."""
-    if not np.isfinite([p.nominal for p in term.parameters]).all():
-        return False
-    said = {target for t in nominal_terms for target in t.targets}
-    own = {f"{target}/{p.name}" for target in term.targets for p in term.parameters}
-    return bool(own & said)
-
-
 def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
     """Which nominal terms have no influence beside a term, by their index."""
     own = {f"{at}/{name}" for at in term.targets for name in term.effect.overrides}
@@ -67,26 +58,6 @@ def find_restated(term: Term, terms: Sequence[Term]) -> dict[int, int]:
         if p.name in term.effect.overrides
     }
     return {k: i for k, i in restated.items() if i is not None}
-
-
-def start_beside(term: Term, terms: Sequence[Term], values: Floats) -> Term:
-    """The term as it begins near a fitted term whose place it takes.
-
-    Dry friction that was fitted is where a search for a Stribeck curve begins: from
-    far away it would first have to find the friction again.
-
-    Args:
-        term: that may be fitted beside others.
-        terms: that are fitted.
-        values: (P) of them [units of the parameters].
-    """
-    ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
-    for other, first in zip(terms, ends, strict=False):
-        if other.targets != term.targets or other.effect is term.effect:
-            continue
-        if set(other.effect.overrides) & set(term.effect.overrides):
-            return term.effect.start_from(term, float(values[first]))
-    return term
 
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:

@@ -103,12 +103,6 @@ class JointSpring(TransmissionEffect):
         soft = tuple((k, q) for q in (ref.nominal, *ends))
         return (*soft, (stiff, ref.nominal), (stiff, joint.range_center))
 
-    def rate_rarity(self, term, values):
-        """A reference far from where the joint was stands for a constant torque."""
-        ref = term.parameters[1]
-        off = abs(values[1] - (ref.low + ref.high) / 2)
-        return int(off > ref.scale / SPRINGREF_RESOLUTION)
-
     def edit_model(self, model, place, values):
         model.jnt_stiffness[place["joint"]] = values[0]
         model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[1]

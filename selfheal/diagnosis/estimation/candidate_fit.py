@@ -5,7 +5,6 @@ answer linearly: they are always where the linearization has its minimum. That i
 variable projection (Golub and Pereyra 1973), with the Jacobian of the fit held fixed.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -24,11 +23,6 @@ from .quadratic_model import (
     update_broyden,
 )
 from .settings import FIT
-
-
-def spread_around(term: Term, start: Floats) -> Floats:
-    """Points (p, p), each one scale of one parameter from a start (p), in bounds."""
-    return np.clip(start + np.diag(term.scale), term.low, term.high)
 
 
 def fit_candidate(
@@ -57,64 +51,6 @@ def fit_candidate(
         residuals + old.jacobian @ others_step,
         np.hstack([old.jacobian, jacobian]),
     )
-
-
-def estimate_candidates(
-    base: LinearizedFit, terms: Sequence[Term], rows: Sequence[np.ndarray] = ()
-) -> list[tuple[float, Floats, Floats]]:
-    """What one more term could do, from the responses to its initial values alone.
-
-    These answer linearly in their sizes, as all values of the fit do. Of a periodic
-    term each frequency counts for itself. Terms in kinematic trees that nothing couples
-    are simulated together, each by the residuals of its tree.
-
-    Args:
-        base: the fit without the terms.
-        terms: k of them with initial values, each to be tried alone.
-        rows: (R) whether each residual is of a term's tree, of each; empty of one term.
-
-    Returns:
-        Of each term the lowest penalized cost [1], the change (R) of the residuals
-        there, and the initial values (p) that a fit would begin with.
-    """
-    arrays = base.problem.simulator.load_or_compute(
-        partial(_estimate_candidates, base, tuple(terms), tuple(rows))
-    )
-    each = zip(arrays[::3], arrays[1::3], arrays[2::3], strict=True)
-    return [(float(cost), change, start) for cost, change, start in each]
-
-
-def _estimate_candidates(
-    base: LinearizedFit, terms: Sequence[Term], rows: Sequence[np.ndarray]
-) -> Arrays:
-    """Of each term the lowest cost (), the change (R) there, and initial values (p)."""
-    starts = [stack_starts(t) for t in terms]
-    most = np.arange(max(map(len, starts)))
-    fixed = np.tile(base.fit.values, (len(most), 1))
-    points = [fixed, *(s[np.minimum(most, len(s) - 1)] for s in starts)]
-    together = base.problem.compute_residuals(
-        (*base.fit.terms, *terms), np.hstack(points)
-    )
-    found: list[np.ndarray] = []
-    for i, term in enumerate(terms):
-        residuals = together[: len(starts[i])]
-        if rows:
-            residuals = np.where(rows[i], residuals, base.fit.residuals)
-        found += _estimate_from(base.release_overridden(term), term, residuals)
-    return tuple(found)
-
-
-def _estimate_from(base: LinearizedFit, term: Term, residuals: Floats) -> Arrays:
-    """What one more term could do, from residuals (n, R) with its initial values."""
-    together = 2 if term.effect.is_periodic else len(residuals)
-    best, best_change = np.inf, np.zeros(len(base.fit.residuals))
-    for k in range(0, len(residuals), together):
-        response = base.estimate_response(residuals[k : k + together])
-        cost, others_step = base.minimize(base.fit.residuals + response)
-        if cost < best:
-            best, best_change = cost, response + base.fit.jacobian @ others_step
-    start, _ = _find_start(_CandidateProblem(base, term), residuals)
-    return np.array(best), best_change, start.point
 
 
 def stack_starts(term: Term) -> Floats:

@@ -92,24 +92,6 @@ def compute_jacobian(
     return jacobian
 
 
-def find_tree_residuals(
-    problem: Problem, terms: Sequence[Term], values: Floats
-) -> dict[int, np.ndarray]:
-    """Which residuals (R) are of each kinematic tree, by the number of the tree.
-
-    Empty where something couples trees, or where that gains nothing.
-
-    Args:
-        problem: of the residuals.
-        terms: P parameters in all.
-        values: (P) of them, which are stepped to see it [units of the parameters].
-    """
-    steps = _choose_steps(problem, terms, values)
-    step = partial(_step_values, problem, terms, values, steps)
-    count = len(values)
-    return _find_independent_trees(problem, terms, find_value_trees, count, step)[1]
-
-
 def _choose_steps(
     problem: Problem,
     terms: Sequence[Term],

@@ -105,16 +105,6 @@ class LinearizedFit:
         step = model.solve()
         return -model.predict_change(step), step
 
-    @cached_property
-    def by_column(self) -> tuple[Floats, Floats, Floats]:
-        """Of each column of readings (C): r'r (C), J'r (C, P) and J'J (C, P, P)."""
-        width = self.problem.segments.readings.shape[1]
-        r = self.fit.residuals.reshape(-1, width)
-        jacobian = self.fit.jacobian.reshape(len(r), width, -1).transpose(1, 2, 0)
-        gradients = np.stack([j @ x for j, x in zip(jacobian, r.T, strict=True)])
-        curvatures = np.stack([j @ j.T for j in jacobian])
-        return (r**2).sum(axis=0), gradients, curvatures
-
     def move(self, held: np.ndarray, change: Floats) -> Floats:
         """The step (P) of all values where some are changed and the others refitted.
 
@@ -142,11 +132,6 @@ class LinearizedFit:
         """
         score, own, _ = self._score_changes(residuals)
         return float(score @ own @ score)
-
-    def estimate_response(self, residuals: Floats) -> Floats:
-        """(R) the changes of `estimate_gain` in the sizes that gain most, in sum."""
-        score, own, changes = self._score_changes(residuals)
-        return -changes @ own @ score
 
     def _score_changes(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
         """Of `estimate_gain` s (n), the pseudoinverse (n, n), and D (R, n)."""
@@ -187,42 +172,6 @@ class LinearizedFit:
         return self.restored.move(
             np.append(held, idle), np.append(change[held], np.zeros(len(idle)))
         )
-
-    def bound_removal_costs(
-        self, terms: Sequence[Term], removed: Sequence[Term]
-    ) -> dict[Term, float]:
-        """Penalized costs [1] without each term that are never more than the true ones.
-
-        They are those without the bounds of values. With G the inverse curvature of all
-        values but those removed, c the lowest cost beside these, and d by how much a
-        term's values are not nominal there,
-
-            c + d' G_tt^-1 d.
-
-        Args:
-            terms: to be without, one at a time.
-            removed: to be without in any case.
-        """
-        base, (columns, change) = self.restored, self._changes_to_nominal
-        count = len(self.fit.values)
-        held = np.concatenate([np.zeros(0, int), *(columns[t] for t in removed)])
-        free = np.setdiff1d(np.arange(count), held)
-        step = np.zeros(count)
-        step[held] = change[held]
-        size, scaled = base._scaled_curvature
-        ridge = FIT.min_column_share * np.eye(len(free))
-        inverse = np.linalg.inv(scaled[np.ix_(free, free)] + ridge)
-        inverse /= size[free] * size[free, None]
-        step[free] = -inverse @ (base.gradient + base.curvature @ step)[free]
-        lowest = self.fit.cost + self.fit.prior_penalty
-        lowest += float(2 * base.gradient @ step + step @ base.curvature @ step)
-        bounds = {}
-        for term in terms:
-            at = np.searchsorted(free, columns[term])
-            far = (change - step)[columns[term]]
-            own = np.linalg.pinv(inverse[np.ix_(at, at)], hermitian=True)
-            bounds[term] = lowest + float(far @ own @ far)
-        return bounds
 
     @cached_property
     def restored(self) -> "LinearizedFit":

@@ -18,14 +18,9 @@ class Regime:
             differenced. 0.02 stays above the solver's noise. Readings of a motion with
             impacts jump at any change, and only over 0.3 does the slope exceed the
             jump.
-        min_gain: least share of the held-out squared error that a named effect removes.
-            Five times as much in contact, for roughness gains a little by chance.
         explained_ratio: root mean square residual over noise up to which a fit counts
             as explained. More in contact, where no fit reaches the noise.
-        prior_penalty_of_value: [variances] by which impacts move one nominal value.
         estimates_noise: whether residuals are numerous enough to estimate the noise.
-        reestimates_states: whether initial states follow a candidate's values. In
-            contact that takes too long; single readings have no velocities.
         min_relinearized_gain: share of the cost that steps with one Jacobian must have
             saved for another one where no step saves more. In contact a tenth: after
             less, its slopes are as rough.
@@ -38,11 +33,8 @@ class Regime:
     has_rough_cost: bool
     has_single_readings: bool
     difference_step: float
-    min_gain: float
     explained_ratio: float
-    prior_penalty_of_value: float
     estimates_noise: bool
-    reestimates_states: bool
     min_relinearized_gain: float
     state_iterations: int
     misleading_state_trials: int
@@ -57,11 +49,8 @@ SMOOTH = Regime(
     has_rough_cost=False,
     has_single_readings=False,
     difference_step=0.02,
-    min_gain=0.02,
     explained_ratio=1.3,
-    prior_penalty_of_value=0.0,
     estimates_noise=True,
-    reestimates_states=True,
     min_relinearized_gain=0.0,
     state_iterations=5,
     misleading_state_trials=2,
@@ -70,17 +59,13 @@ CONTACT = replace(
     SMOOTH,
     has_rough_cost=True,
     difference_step=0.3,
-    min_gain=0.1,
     explained_ratio=2.0,
-    prior_penalty_of_value=1.0,
-    reestimates_states=False,
     min_relinearized_gain=0.1,
 )
 SINGLE_READINGS = replace(
     SMOOTH,
     has_single_readings=True,
     estimates_noise=False,
-    reestimates_states=False,
     state_iterations=0,
     misleading_state_trials=0,
 )
@@ -88,7 +73,6 @@ POSES_IN_CONTACT = replace(
     SINGLE_READINGS,
     has_rough_cost=True,
     explained_ratio=2.0,
-    prior_penalty_of_value=1.0,
 )
 
 

@@ -6,14 +6,12 @@ feasible generalized least squares (Greene 2012, section 9.2). Initial states ar
 marginalized again with the new weights.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
-from ..effects.base import Term
 from ..simulation.simulator import Simulator
 from .fit import Fit
 from .least_squares import fit_parameters
@@ -74,25 +72,6 @@ def _weight_by_residuals(
     sigma = np.where(sigma > 0, sigma, problem.sigma)
     weighted = replace(problem, sigma=sigma, simulator=simulator)
     return marginalize_initial_states(weighted, fit.terms, fit.values)
-
-
-def reestimate_initial_states(
-    problem: Problem, terms: Sequence[Term], values: Floats
-) -> Problem:
-    """The problem with initial states estimated from these values.
-
-    States that were searched without a friction are where a robot without it would have
-    begun. That of a chaotic robot leaves no way to the true value. States that are as
-    read stay, and so do all of them where the regime does not ask for it.
-
-    Args:
-        problem: marginalized.
-        terms: of a hypothesis.
-        values: (P) of it [units of the parameters].
-    """
-    if problem.initial_state_shift is None or not problem.regime.reestimates_states:
-        return problem
-    return marginalize_initial_states(problem, terms, values)
 
 
 def reestimate_misleading_states(fit: Fit) -> Fit:

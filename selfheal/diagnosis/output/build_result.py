@@ -21,7 +21,7 @@ from ..estimation.fit import Fit
 from ..estimation.least_squares import refine_jacobian
 from ..selection.hypotheses import Hypothesis
 from ..selection.replay_scores import HeldOutScores, explainable_removed
-from ..selection.verdict import RemainingStructure
+from ..selection.structure import RemainingStructure
 from ..simulation import score
 from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
@@ -66,7 +66,7 @@ def build_diagnosis(
     """
     patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
-    errors = standard_errors(refine_jacobian(hypothesis.final.fit))
+    errors = standard_errors(refine_jacobian(hypothesis.final))
     refit = doc.build_refit(patched, proof.unrestored.values, errors)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
     text, diff, edits, unpatched = patch_or_nominal(

@@ -27,7 +27,7 @@ def build_findings(
         errors: (P) standard errors of the fit's values [each parameter's unit].
         where: what each named effect acts on (contract's "where"), by its number.
     """
-    fit, out = hypothesis.final.fit, []
+    fit, out = hypothesis.final, []
     parameters = _list_by_term(fit, errors)
     for n, named in enumerate(hypothesis.named):
         effect = named.term.effect

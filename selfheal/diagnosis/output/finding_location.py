@@ -28,7 +28,7 @@ def localize_findings(
     """Where the re-fitted model is wrong, and where each named effect acts."""
     simulator, problem = dataset.training, hypothesis.problem
     segments = problem.segments
-    refit, final = hypothesis.nominal.fit, hypothesis.final.fit
+    refit, final = hypothesis.nominal, hypothesis.final
     before = _square_residuals(problem, refit.terms, refit.values)
     share, p = localization.localize_error(simulator, dataset.robot, segments, before)
     located = Localization(

@@ -7,7 +7,6 @@ cumulative log-likelihood ratio (Page 1954, Hinkley 1970).
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -19,11 +18,9 @@ from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import expected_noise_by_segment
-from ..estimation.problem import Problem
+from ..estimation.problem import Problem, assign_blocks
 from ..estimation.settings import FIT
 from ..simulation.simulator import Simulator
-from .cross_validation import ScoredFit, fit_and_score
-from .evidence import is_as_good
 from .settings import SELECTION
 
 
@@ -146,22 +143,37 @@ def set_onset(terms: Sequence[Term], onset: Onset | None) -> tuple[Term, ...]:
     )
 
 
-def locate_change_point(whole: Problem, best: ScoredFit) -> ScoredFit:
+def locate_change_point(whole: Problem, fit: Fit) -> Fit:
     """Date the onset of effects, or drop it if they may as well always have been there.
+
+    It has to lower the cost by what a parameter more would have to (Schwarz 1978), and
+    in sum over the blocks by a standard error.
 
     Args:
         whole: all segments, with other weights.
-        best: the fit with effects that set in at some time.
+        fit: with effects that set in at some time.
     """
-    problem, fit = best.fit.problem, best.fit
-    refit = partial(fit_and_score, problem, start=fit.values, jacobian=fit.jacobian)
-    always = refit(terms=set_onset(fit.terms, None), iterations=4)
-    if always.error <= best.error or is_as_good(always, best):
+    problem = fit.problem
+
+    def refit(onset: Onset | None, iterations: int) -> Fit:
+        """The fit of the effects since then."""
+        terms, jacobian = set_onset(fit.terms, onset), fit.jacobian
+        return fit_parameters(
+            problem, terms, fit.values, iterations=iterations, jacobian=jacobian
+        )
+
+    always = refit(None, 4)
+    gains = problem.sum_by_segment(always.residuals**2 - fit.residuals**2)
+    by_block = np.bincount(assign_blocks(problem), gains)
+    samples = effective_sample_size(problem, fit.residuals)
+    nats = samples / 2 * np.log(always.cost / max(fit.cost, FIT.tiny))
+    error = by_block.std() * np.sqrt(len(by_block))
+    if nats < np.log(max(samples, 1)) / 2 or by_block.sum() < error:
         return always
     whole = replace(whole, sigma=problem.sigma, simulator=problem.simulator)
     whole = marginalize_initial_states(whole, fit.terms, fit.values)
     onset = _find_likeliest_onset(whole, fit)
-    return refit(terms=set_onset(fit.terms, onset), iterations=2)
+    return refit(onset, 2)
 
 
 def _find_likeliest_onset(problem: Problem, fit: Fit) -> Onset:

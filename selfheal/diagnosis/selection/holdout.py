@@ -10,8 +10,10 @@ from itertools import chain
 
 import numpy as np
 
+from ..effects.base import Term
 from ..effects.terms import is_distinct
 from ..estimation.candidate_fit import fit_candidate
+from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
@@ -19,11 +21,10 @@ from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from ..simulation.dataset import Dataset
-from .backward import fit_without
-from .cross_validation import ScoredFit
-from .evidence import find_uncertain
+from ..simulation.model_variants import split_values
 from .hypotheses import Hypothesis, NamedEffect
 from .judge import Judge, compare, is_clearly_better, is_outdone
+from .settings import SELECTION
 from .stated_values import release_bounds
 
 # a hypothesis, and labels of the names that were refuted
@@ -40,8 +41,8 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
     if len(hypotheses) == 1:
         return hypotheses[0]
     largest = max(hypotheses, key=lambda h: len(h.named))
-    judge = Judge.build(dataset, largest.final.fit)
-    errors = [judge.log_errors(h.final.fit) for h in hypotheses]
+    judge = Judge.build(dataset, largest.final)
+    errors = [judge.log_errors(h.final) for h in hypotheses]
     means = [np.mean([e.mean() for e in each]) for each in errors]
     order = sorted(zip(hypotheses, errors, means, strict=True), key=lambda x: x[2])
     best = order[0]
@@ -64,8 +65,8 @@ def keep_predictive(
     """
     if refined.problem.segments is searched.problem.segments:
         return refined
-    judge = Judge.build(dataset, refined.final.fit)
-    new, old = (judge.log_errors(h.final.fit) for h in (refined, searched))
+    judge = Judge.build(dataset, refined.final)
+    new, old = (judge.log_errors(h.final) for h in (refined, searched))
     return searched if compare(old, new).mean() > 0 else refined
 
 
@@ -76,16 +77,15 @@ def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
         dataset: with the held-out episodes.
         hypothesis: after its last fit.
     """
-    fit = hypothesis.final.fit
+    fit = hypothesis.final
     released = release_bounds(fit)
     if released is fit:
         return hypothesis
     judge = Judge.build(dataset, fit)
     if is_outdone(judge.log_errors(released), judge.log_errors(fit)):
         return hypothesis
-    final = ScoredFit.from_fit(released)
-    nominal = hypothesis.nominal if hypothesis.named else final
-    return replace(hypothesis, final=final, nominal=nominal)
+    nominal = hypothesis.nominal if hypothesis.named else released
+    return replace(hypothesis, final=released, nominal=nominal)
 
 
 def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
@@ -95,7 +95,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     takes its place, if it helps.
     """
     refuted: list[str] = []
-    judge = Judge.build(dataset, hypothesis.final.fit)
+    judge = Judge.build(dataset, hypothesis.final)
     while harmful := _find_harmful(hypothesis, judge):
         name, less = harmful
         refuted.append(name.term.label)
@@ -103,7 +103,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
         named = [[n] if n is not name else substitutes for n in hypothesis.named]
         hypothesis = replace(
             hypothesis,
-            final=ScoredFit.from_fit(best),
+            final=best,
             named=tuple(chain(*named)),
         )
     return hypothesis, tuple(refuted)
@@ -124,12 +124,12 @@ def _find_harmful(
     Returns:
         The name, and the fit without it.
     """
-    fit = hypothesis.final.fit
+    fit = hypothesis.final
     errors, values = judge.log_errors(fit), fit.values_by_term
     worst, most = None, 0.0
-    base, uncertain = LinearizedFit.from_fit(fit), find_uncertain(fit)
+    uncertain = find_uncertain(fit)
     for name in hypothesis.named:
-        less = fit_without(base, name.term)
+        less = fit_without(fit, name.term)
         is_told = name.term not in uncertain
         is_told &= not name.term.is_negligible(values[name.term])
         if is_told and not is_clearly_better(judge.log_errors(less), errors):
@@ -144,6 +144,45 @@ def _find_harmful(
         if is_clearly_better(without, errors) and lost > gained and lead > most:
             worst, most = (name, less), lead
     return worst
+
+
+def find_uncertain(fit: Fit) -> list[Term]:
+    """Effects whose values are all within their standard errors of nominal ones.
+
+    A Wald test (1943). The errors count those of the time step and of the commands'
+    clock, which a likelihood ratio does not. In contact, and of single readings, none
+    could be trusted.
+
+    Args:
+        fit: with a Jacobian near its values.
+    """
+    regime = fit.problem.regime
+    if regime.has_rough_cost or regime.has_single_readings:
+        return []
+    errors = split_values(fit.terms, standard_errors(fit))
+    found = []
+    for (term, values), limits in zip(fit.values_by_term.items(), errors, strict=True):
+        each = zip(term.parameters, values, limits, strict=True)
+        is_near = [
+            abs(v - p.nominal) <= SELECTION.min_standard_errors * error
+            for p, v, error in each
+        ]
+        if is_near and all(is_near) and term.effect.name != "stated":
+            found.append(term)
+    return found
+
+
+def fit_without(fit: Fit, term: Term) -> Fit:
+    """A fit of all terms but one, from where the linearization of all of them leads."""
+    step = LinearizedFit.from_fit(fit).step_without([term])
+    moved = replace(fit.restore([term]), values=fit.values + step)
+    return fit_parameters(
+        fit.problem,
+        *moved.without_terms(term),
+        iterations=3,
+        jacobian=moved.jacobian_without(term),
+        only_updates=True,
+    )
 
 
 def try_equivalents(

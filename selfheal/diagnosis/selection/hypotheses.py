@@ -1,8 +1,4 @@
-"""Which physics is missing: takes a fit of the nominal model, gives hypotheses.
-
-Linear models say it where motion is smooth (`linear_start`), a stepwise search in
-simulations where something touches, or poses were read.
-"""
+"""Which physics is missing: takes a fit of the nominal model, gives hypotheses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -11,22 +7,17 @@ import numpy as np
 
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
+from ..estimation.fit import Fit
+from ..estimation.least_squares import fit_parameters
 from ..estimation.problem import Problem
+from ..linear.search import Progress
 from .change_point import locate_change_point, set_onset
-from .cross_validation import ScoredFit, fit_and_score
-from .evidence import Evidence
+from .effect_search import search_effects
 from .lengthening import lengthen_segments
-from .linear_start import search_linear_model
-from .screening import (
-    Progress,
-    draw_segments,
-    find_overlooked_segments,
-    subsample_problem,
-)
 from .search_record import SearchRecord
-from .search_state import SearchState, start_state
+from .search_state import Evidence, SearchState, start_state
 from .settings import SELECTION
-from .stepwise import search_forward, vet_untested
+from .subsampling import draw_segments, find_overlooked_segments, subsample_problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,19 +43,19 @@ class Hypothesis:
         nominal: the fit of the nominal model's values alone.
         final: the fit with the named effects.
         named: the effects.
-        ranking: candidates of the first screening, each with the cost that it leaves,
-            as a share of the cost without it.
+        ranking: candidates beside the model as given, each with the mean square error
+            that it leaves, as a share of that without it.
     """
 
-    nominal: ScoredFit
-    final: ScoredFit
+    nominal: Fit
+    final: Fit
     named: tuple[NamedEffect, ...]
     ranking: tuple[tuple[Term, float], ...]
 
     @property
     def problem(self) -> Problem:
         """The segments of the fit with the named effects, weighted as there."""
-        return self.final.fit.problem
+        return self.final.problem
 
 
 def start_search(
@@ -94,7 +85,7 @@ def start_search(
     chosen = draw_segments(problem, _count_search_steps(len(nominal_terms)), rng)
     state = start_state(problem, nominal_terms, candidates, chosen)
     if state.is_explained:
-        overlooked = find_overlooked_segments(problem, chosen, state.best.fit)
+        overlooked = find_overlooked_segments(problem, chosen, state.best)
         if len(overlooked):
             chosen = np.union1d(chosen, overlooked)
             state = start_state(problem, nominal_terms, candidates, chosen)
@@ -104,7 +95,7 @@ def start_search(
 def _count_search_steps(nominal_count: int) -> int:
     """Simulation steps of a search, of a robot with so many nominal terms."""
     steps = int(SELECTION.search_jacobian_steps / max(nominal_count, 1))
-    return min(SELECTION.screening_steps[-1], steps)
+    return min(SELECTION.search_steps, steps)
 
 
 def name_effects(
@@ -117,91 +108,53 @@ def name_effects(
 ) -> list[Hypothesis]:
     """Find the effects without which the recordings cannot be explained.
 
-    By linear models; of poses and in contact by a stepwise search in simulations.
+    Those that set in are looked for first, then those always there. Several sets are
+    found where none explains everything; held-out episodes decide.
 
     Args:
-        start: state in which nothing has a name yet.
+        start: state in which nothing has a name yet; its candidates may set in.
         problem: all segments that may be used.
         longer: longer and longer segments, in which slow effects show.
-        rng: draws segments and resamples.
+        rng: draws segments, noise and resamples.
         record: of what was tried and found.
     """
-    steps = _count_search_steps(start.nominal_count)
+    steps, has_onset = _count_search_steps(start.nominal_count), False
     if any(t.onset for t in start.candidates):  # it is where a segment begins
-        longer = longer[:1]
+        longer, has_onset = longer[:1], True
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(start, problem)]
-    found = _search_smooth(start, longer, rng, record)
+    dated: list[SearchState] = []
+    if has_onset:
+        dated = search_effects(start, longer, rng, record)
+        if dated[-1].is_explained:
+            return [_finish_search(dated[-1], problem)]
+    always = start.with_candidates(set_onset(start.candidates, None))
+    found = search_effects(always, longer, rng, record)
+    found = found[-1:] if found[-1].is_explained else [*found, *dated[1:]]
     return [_finish_search(state, problem) for state in found]
 
 
 def finish_early(
-    record: SearchRecord,
-    start: SearchState,
-    problem: Problem,
-    rng: np.random.Generator,
+    record: SearchRecord, start: SearchState, problem: Problem
 ) -> list[Hypothesis]:
-    """What a search that was stopped had found, with all of its names tested.
+    """What a search that was stopped had found.
 
     Args:
         record: of the search.
         start: state in which nothing had a name yet.
         problem: all segments that may be used.
-        rng: draws resamples.
     """
-    return [_finish_search(vet_untested(record.state or start, rng), problem)]
-
-
-def _search_smooth(
-    start: SearchState,
-    longer: Sequence[Problem],
-    rng: np.random.Generator,
-    record: SearchRecord,
-) -> list[SearchState]:
-    """Search by linear models: for effects that set in, and for those always there.
-
-    Several sets are found where none explains everything; held-out episodes decide.
-
-    Args:
-        start: state in which nothing has a name yet; its candidates may set in.
-        longer: longer and longer segments.
-        rng: draws noise and resamples.
-        record: of what was tried and found.
-    """
-    always = start.with_candidates(set_onset(start.candidates, None))
-    dated: list[SearchState] = []
-    if any(t.onset for t in start.candidates):
-        dated = search_linear_model(start, longer, rng, record)
-        if dated[-1].is_explained:
-            return dated[-1:]
-    found = search_linear_model(always, longer, rng, record)
-    return found[-1:] if found[-1].is_explained else [*found, *dated[1:]]
-
-
-def _search_to_end(
-    state: SearchState,
-    longer: Sequence[Problem],
-    rng: np.random.Generator,
-    record: SearchRecord,
-) -> SearchState:
-    """Search forward, and go on in longer segments while these show something more."""
-    state = search_forward(state, rng, record)
-    for _ in longer:
-        extended = lengthen_segments(state, longer)
-        if extended is state or extended.is_explained:
-            break
-        state = search_forward(extended, rng, record)
-    return state
+    return [_finish_search(record.state or start, problem)]
 
 
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
     """What a search found; `whole` has all segments, to date a change point in."""
     if any(t.onset for t in state.named):
         state = state.with_fit(locate_change_point(whole, state.best))
-    terms, fit = state.named, state.best.fit
-    nominal = fit_and_score(
+    terms, fit = state.named, state.best
+    nominal = fit_parameters(
         state.problem, *fit.without_terms(*terms), jacobian=fit.jacobian_without(*terms)
     )
     keys = {t.key for t in terms}

@@ -49,8 +49,8 @@ def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchSt
             break
         if other.segments.lengths.mean() <= steps:
             continue
-        fit = fit_longer(state.best.fit, [other])
-        if fit is state.best.fit:
+        fit = fit_longer(state.best, [other])
+        if fit is state.best:
             break
         state = state.with_fit(reweight_and_fit(fit, 4))
     return state

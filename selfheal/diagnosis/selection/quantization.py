@@ -9,8 +9,8 @@ from ..data.robot_summary import Channel, RobotSummary
 from ..effects.base import Effect, Term
 from ..estimation.fit import Fit
 from ..estimation.noise import residual_rms
-from .evidence import Evidence
 from .hypotheses import Hypothesis, NamedEffect
+from .search_state import Evidence
 from .settings import SELECTION
 
 
@@ -29,7 +29,7 @@ def name_quantization(
         effects: the catalogue.
     """
     problem, final = hypothesis.problem, hypothesis.final
-    residual = residual_rms(problem, final.fit.residuals) ** 2
+    residual = residual_rms(problem, final.residuals) ** 2
     by_name = {c.name: c for c in robot.channels}
     for term in (
         t for e in effects if e.rounds_readings for t in e.propose_terms(robot)
@@ -46,7 +46,7 @@ def name_quantization(
         nats = -np.log(2 * SELECTION.quantization_tolerance)
         evidence = Evidence(nats, float(np.exp(-nats * readings)), 1.0)
         named = NamedEffect(_bound_step(term, channel), evidence, ())
-        final = replace(final, fit=append_step(final.fit, named.term, channel.quantum))
+        final = append_step(final, named.term, channel.quantum)
         hypothesis = replace(hypothesis, final=final, named=(*hypothesis.named, named))
     return hypothesis
 

@@ -25,11 +25,10 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
-from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
-from .screening import count_native_steps, mean_seconds, subsample_problem
 from .settings import SELECTION
 from .stated_values import fix_effects
+from .subsampling import count_native_steps, mean_seconds, subsample_problem
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -38,14 +37,14 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     Of many values hardly more short segments can be fitted than the search had: then
     its own serve.
     """
-    fit, searched = hypothesis.final.fit, hypothesis.problem
+    fit, searched = hypothesis.final, hypothesis.problem
     sigma = downweight_unscored(fit)
     rng = np.random.default_rng(2)
     wanted = SELECTION.refit_jacobian_steps / max(len(fit.values), 1)
     least, most = count_native_steps(searched), SELECTION.refit_steps
     steps = max(int(min(wanted, most)), least)
     onsets = [n.term.onset for n in hypothesis.named if n.term.onset]
-    is_short = mean_seconds(searched) < SELECTION.long_screening_segment
+    is_short = mean_seconds(searched) < SELECTION.long_segment
     keeps = is_short and not onsets and steps < SELECTION.min_more_steps * least
 
     def pose(seconds: float) -> Problem:
@@ -90,7 +89,7 @@ def _lengthen(
     Returns:
         The segments, and values (P) of the hypothesis that were fitted on the way.
     """
-    fit = hypothesis.final.fit
+    fit = hypothesis.final
     limit = SELECTION.max_horizon_growth * max(1.0, noise_ratio(fit))
     longest, values = problems[0], fit.values
     for problem in problems:
@@ -113,7 +112,7 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
         start: (P) values of the hypothesis to begin with.
         hypothesis: fitted to the segments of the search.
     """
-    old, nominal = hypothesis.final.fit, hypothesis.nominal.fit
+    old, nominal = hypothesis.final, hypothesis.nominal
     named = tuple(n.term for n in hypothesis.named)
     if named:
         residuals = problem.residuals_at(old.terms, start)
@@ -148,9 +147,7 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
         and noise_ratio(final) <= FIT.unexplained_ratio
     ):
         final = refine_undamped(final)
-    scored = ScoredFit.from_fit(final)
-    scored_alone = ScoredFit.from_fit(alone) if hypothesis.named else scored
-    return replace(hypothesis, nominal=scored_alone, final=scored)
+    return replace(hypothesis, nominal=alone if named else final, final=final)
 
 
 def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:

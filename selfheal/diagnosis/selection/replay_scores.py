@@ -28,9 +28,9 @@ from .hypotheses import Hypothesis
 from .judge import Judge, is_outdone
 from .quantization import append_step
 from .refine import refit_native_timestep
-from .screening import draw_segments
 from .settings import SELECTION
 from .stated_values import restore_stated
+from .subsampling import draw_segments
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
 
@@ -80,9 +80,9 @@ class HeldOutScores:
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
-        fits = {"refit": hypothesis.nominal.fit}
+        fits = {"refit": hypothesis.nominal}
         if hypothesis.named:
-            fits["patched"] = hypothesis.final.fit
+            fits["patched"] = hypothesis.final
         refits = {
             name: refit_native_timestep(_select_some(fit)) for name, fit in fits.items()
         }
@@ -106,7 +106,7 @@ class HeldOutScores:
         No fit sees how readings are rounded.
         """
         patched = self.refits["patched"]
-        found = hypothesis.final.fit
+        found = hypothesis.final
         added = found.terms[len(patched.terms) :], found.values[len(patched.values) :]
         for term, step in zip(*added, strict=True):
             patched = append_step(patched, term, step)

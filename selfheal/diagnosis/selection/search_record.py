@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from ..effects.base import Term
-from .screening import Progress
+from ..linear.search import Progress
 from .search_state import SearchState
 
 

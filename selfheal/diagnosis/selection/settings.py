@@ -5,30 +5,17 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SelectionSettings:
-    """Thresholds and budgets of the search for effects and of its tests.
+    """Budgets and thresholds around the search for effects.
 
-    "Error" is a held-out squared error in standard deviations of the residuals. A
-    "ratio" of errors is the new one over the old one. "Chosen" marks what no source
-    and no benchmark prescribes; the reason follows.
+    A "ratio" of errors is the new one over the old one. "Chosen" marks what no source
+    prescribes; the reason follows.
     """
 
     # Budgets: how much is simulated
 
-    screening_steps: tuple[int, ...] = (1500, 4000, 10000)
-    """[simulation steps] of one trial in each round of the screening. Chosen: the
-    screening of one joint's candidates takes about a minute."""
-
-    screening_scored: int = 40
-    """Candidates that are fitted after all were scored. Chosen: three times as many as
-    the first round keeps."""
-
-    screening_iterations: tuple[int, ...] = (1, 3, 2)
-    """Gauss-Newton iterations of one trial in each round of the screening. Chosen: the
-    first round only ranks."""
-
-    screening_kept: tuple[int, ...] = (12, 5, 5)
-    """Candidates that each round of the screening keeps (successive halving, Jamieson
-    and Talwalkar 2016). Chosen with `screening_steps`."""
+    search_steps: int = 10_000
+    """[simulation steps] of one rollout of the segments of a search, at most. Chosen:
+    all candidates of one joint take about a minute then."""
 
     search_jacobian_steps: float = 3e5
     """[simulation steps] of all columns of one Jacobian in a search, about. Chosen: a
@@ -60,135 +47,32 @@ class SelectionSettings:
     save less than a fifth."""
 
     min_search_segments: int = 24
-    """Segments of a search, at least, if they are short: as many as the
-    cross-validation has blocks."""
+    """Segments of a search, at least, if they are short: as many as a cross-validation
+    has blocks."""
 
     min_search_seconds: float = 16.0
-    """[s] of motion in a search, at least, of long segments (`long_screening_segment`).
+    """[s] of motion in a search, at least, of long segments (`long_segment`).
     Chosen: 8 of 2 s have as many steps as 32 of half a second."""
 
-    min_screening_segments: int = 4
-    """Segments of a trial, at least, and of a search in long segments. Chosen: two with
-    large residuals, two others."""
+    min_long_segments: int = 4
+    """Segments of a search in long segments, at least. Chosen: of fewer no scatter can
+    be told."""
 
-    min_first_screening_segments: int = 2
-    """Segments of a trial in the first round, at least, if they are long. Chosen:
-    development cases gave the same findings as with four."""
-
-    long_screening_segment: float = 1.0
+    long_segment: float = 1.0
     """[s] from which on a segment is long. Chosen: between the two horizons, 0.5 and
     2 s."""
-
-    # Screening: which candidates are fitted in full
-
-    min_screening_gain: float = 0.005
-    """Share of the cost that a candidate must remove to pass a round after the first.
-    Chosen: a quarter of what a name must remove in the end."""
-
-    max_retried_candidates: int = 100
-    """Candidates that are tried again once another one has a name. Chosen: a robot with
-    many unmeasured joints has hundreds."""
-
-    max_finalists: int = 5
-    """Candidates fitted together with all other values. Chosen: as the last number of
-    `screening_kept`."""
-
-    max_parameterless: int = 2
-    """Candidates without a parameter, such as a lost limb, that are fitted. Chosen:
-    each begins with a search of all initial states."""
-
-    # Cross-validation
-
-    min_simulated_folds: int = 4
-    """Folds that are simulated, at least. Chosen: those that change most."""
-
-    max_linear_error: float = 1e-3
-    """Error of a fold's squared residuals if predicted linearly, of those of all folds,
-    up to which the other folds are. Chosen: a twentieth of what a name must remove."""
-
-    min_episodes: int = 3
-    """Episodes from which on each is also predicted from the others. Chosen: of two
-    each would be predicted from one."""
-
-    single_reading_folds: int = 6
-    """Folds of single readings, each predicted by a fit of its own. Chosen: each costs
-    a fit of each candidate."""
-
-    max_equivalent_error_ratio: float = 1.5
-    """Ratio of errors above which a fit is not as good as another, however much the
-    blocks disagree. Chosen: half as much again."""
-
-    # Tests of one effect
-
-    max_p_value: float = 0.01
-    """p-value, corrected for the number of candidates, below which an effect earns its
-    name. Chosen: a fifth of the 5 % of false names that nulls may have."""
-
-    clear_p_value: float = 1e-6
-    """p-value by a linearized fit below which no other fit is made. Chosen: a factor of
-    ten thousand is what linearizing may be wrong by."""
-
-    min_gain_standard_errors: float = 1.0
-    """[standard errors over the blocks] that a gain must exceed. Chosen: one, as in the
-    one-standard-error rule (Breiman et al. 1984)."""
-
-    certain_nats: float = 5.0
-    """[nats] above which one of two effects is surely likelier. Chosen on development
-    single 149: a spring and a sensor's zero lay 26 nats apart, but only 1.9 standard
-    errors over the blocks."""
-
-    certain_error_excess: float = 0.02
-    """Excess over 1 of the ratio of errors that goes with `certain_nats`. Chosen: as
-    `removal_tolerance`."""
-
-    equivalence_margin: float = 2.0
-    """[standard errors or nats] within which two candidates are not told apart. Chosen:
-    two standard errors, as usual; two nats are odds of seven to one."""
 
     min_standard_errors: float = 2.5
     """Standard errors from nominal that some value of a name must be. Chosen: chance
     alone does so once in eighty times, and other tests have been passed."""
-
-    exchange_margin: float = 1.0
-    """[standard errors or nats] within which a simpler hypothesis takes the place of
-    another. Chosen: one, as in the one-standard-error rule (Breiman et al. 1984)."""
-
-    student_degrees_of_freedom: float = 4.0
-    """Degrees of freedom of Student's t distribution of single readings' errors (Lange,
-    Little and Taylor 1989)."""
-
-    student_min_scale: float = 0.1
-    """Least scale of Student's t distribution, of the root mean square residual.
-    Chosen: it keeps the scale from zero where most readings are fitted exactly."""
-
-    student_iterations: int = 100
-    """Iterations of the scale of Student's t distribution. Chosen: more than enough."""
-
-    bootstrap_resamples: int = 400
-    """Resamples of the blocks. Chosen: the standard error of a share is at most
-    2.5 %."""
-
-    # Choice among effects
-
-    large_gain_error_ratio: float = 0.5
-    """Ratio of errors that a rare effect, or one that contradicts the model, must reach
-    where much stays unexplained. Chosen: it refuses a cogging of 5.6 poles that was
-    once named for an XL330 at another voltage."""
 
     significant_prior_penalty: float = 12.0
     """[variances] by which nominal values must be off before that speaks for an effect.
     Chosen: a value at its bound counts 4, and in singles 78 and 84 five and four were
     there."""
 
-    max_rivals: int = 3
-    """Effects listed as equivalent to a name (contract, section 2: at most three)."""
-
-    removal_tolerance: float = 0.02
-    """Share by which the error may grow where an effect is removed. Chosen: as much as
-    a name must remove where nothing touches (`Regime.min_gain`)."""
-
     reweightings_of_all: int = 2
-    """Fits of all usual effects with weights set anew. Chosen: errors fall by a hundred
+    """Fits of a set of effects with weights set anew. Chosen: errors fall by a hundred
     in the first, and hardly in a third."""
 
     max_horizon_growth: float = 3.0
@@ -196,54 +80,14 @@ class SelectionSettings:
     above which the longer ones are not fitted. Chosen: errors that grow with time alone
     do so by about the ratio of lengths, four, and then hide what the shorter tell."""
 
-    max_uncertain_removal: float = 0.3
-    """Growth of the cost without an effect, or with another one in its place, above
-    which a closer fit would not change the answer. Chosen: fifteen times
-    `removal_tolerance`."""
-
-    clear_removal_error_ratio: float = 2.0
-    """Cost without an effect over that with it, to first order and simulated there,
-    above which no closer fit is made. Chosen: far above `max_uncertain_removal`."""
-
-    min_score_gain: float = 0.5
-    """Share of the gain that an exchange needs, which a score test has to promise.
-    Chosen: half, for the test is linear."""
-
-    exchange_error_ratio: float = 0.97
-    """Ratio of errors below which another hypothesis is better. Chosen: a gain of 3 %,
-    more than `removal_tolerance`."""
-
-    max_exchange_trials: int = 2
-    """Alternatives to a name that are fitted in full. Chosen: each is one more fit of
-    all values."""
-
-    max_removal_trials: int = 3
-    """Names that are tried without, the least costly ones. Chosen: each is a fit of all
-    other values."""
-
-    # Where the search ends
-
-    max_effects: int = 6
-    """Effects named together, and rounds of a search, at most. Chosen: each costs a
-    screening of all candidates."""
-
     white_share: float = 0.6
     """Effective sample size of the residuals, of their number, from which on they count
     as white noise. Chosen below one, for estimated correlation times exceed one
     sample."""
 
-    quiet_noise_ratio: float = 1.1
-    """Residual over noise below which no effect is looked for beside a named one.
-    Chosen. It does not hold before the first name: single 5544, a servo's gain, left
-    1.01."""
-
     bound_margin: float = 1e-3
     """Share of a nominal value's range within which it is at its bound. Chosen: a fit
     that ends at a bound ends there exactly."""
-
-    contact_remaining_share: float = 0.1
-    """Share of the error that a robot with contact may keep when a search ends. Chosen:
-    its cost is rough, and a quadruped's second search had not ended after 700 s."""
 
     # Change point
 
@@ -305,10 +149,6 @@ class SelectionSettings:
     max_free_forms: int = 3
     """Joints whose free-form torque is tested: those that a score test favors. Chosen:
     each test simulates all blocks."""
-
-    remaining_p_value: float = 0.01
-    """p-value of a free-form torque below which structure remains. Chosen: as
-    `max_p_value`."""
 
     min_remaining_share: float = 0.05
     """Share of the error that a free-form torque must explain to be structure. Chosen:

@@ -16,7 +16,6 @@ from ..estimation.least_squares import fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
-from .cross_validation import ScoredFit
 from .hypotheses import Hypothesis
 from .settings import SELECTION
 
@@ -43,10 +42,7 @@ def hold_stated(hypothesis: Hypothesis) -> Hypothesis:
         """The fit of the effects alone."""
         return _fit_restored(fit, np.flatnonzero(is_stated(fit.terms)), 3)
 
-    nominal, final = (
-        ScoredFit.from_fit(hold(scored.fit))
-        for scored in (hypothesis.nominal, hypothesis.final)
-    )
+    nominal, final = (hold(fit) for fit in (hypothesis.nominal, hypothesis.final))
     return replace(hypothesis, nominal=nominal, final=final)
 
 
@@ -93,13 +89,13 @@ def round_effects(hypothesis: Hypothesis) -> Hypothesis:
 
     Those that change nothing, such as a shift along a joint's axis, are nominal.
     """
-    fit = _reset_idle(hypothesis.final.fit)
+    fit = _reset_idle(hypothesis.final)
     errors = standard_errors(fit)
     half = FIT.interval_factor * FIT.interval_standard_errors * errors
     values = _round(LinearizedFit.from_fit(fit), half, ~is_stated(fit.terms))
     residuals = fit.residuals + fit.jacobian @ (values - fit.values)
     rounded = replace(fit, values=values, residuals=residuals)
-    return replace(hypothesis, final=replace(hypothesis.final, fit=rounded))
+    return replace(hypothesis, final=rounded)
 
 
 def _reset_idle(fit: Fit) -> Fit:

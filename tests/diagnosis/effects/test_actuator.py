@@ -80,11 +80,3 @@ def test_a_lag_keeps_the_range_that_a_servo_inherited(tmp_path):
     model = mujoco.MjModel.from_xml_string(text)
     assert model.actuator_ctrllimited.all()
     np.testing.assert_allclose(model.actuator_ctrlrange, np.deg2rad([[-40, 40]]))
-
-
-def test_a_motor_is_weak_more_seldom_than_its_load_is_heavy(benches):
-    (weak, *_) = find_effect("servo_gain").propose_terms(benches["cart_pole"].robot)
-    (heavy, *_) = find_effect("payload").propose_terms(benches["cart_pole"].robot)
-    assert [p.name for p in weak.parameters] == ["kp"]
-    own, other = (t.effect.rate_rarity(t, np.zeros(9)) for t in (weak, heavy))
-    assert own > other

@@ -47,4 +47,3 @@ def test_a_joint_that_stops_moving_may_have_jammed_where_it_stays(tmp_path):
     (jam,) = effect.propose_terms(summarize_robot(simulator))
     assert jam.targets == ("joint:elbow",)
     assert jam.initial_values[0][0] == pytest.approx(angle, abs=3 * noise)
-    assert effect.is_damage(jam) and effect.is_directly_observed(jam)

@@ -18,8 +18,6 @@ def test_two_clocks_delay_the_commands_of_all_actuators_alike(benches):
     np.testing.assert_allclose(
         predict(b, (shift, 0.03)), predict(b, (shared, 0.03)), atol=1e-12
     )
-    rank = shift.effect.rate_rarity(shift, np.array([0.03]))
-    assert rank < shared.effect.rate_rarity(shared, np.array([0.03]))
 
 
 def test_one_actuator_has_a_late_command_and_no_second_clock(benches):

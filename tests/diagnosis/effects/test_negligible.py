@@ -22,17 +22,3 @@ def test_a_torque_of_less_than_a_period_is_negligible_cogging(arm):
     amplitude, least = term.scale[0], term.low[1]
     assert term.is_negligible(np.array([amplitude, least, 0.3]))
     assert not term.is_negligible(np.array([amplitude, 1.5 * least, 0.3]))
-
-
-def test_a_spring_whose_reference_is_far_away_is_rarer(pendulum):
-    """Such a spring is a constant torque, which other effects explain as well."""
-    (term,) = find_effect("joint_spring").propose_terms(pendulum.robot)
-    middle, reach = (
-        pendulum.robot.joints[0].range_center,
-        pendulum.robot.joints[0].range,
-    )
-    near, far = (
-        term.effect.rate_rarity(term, np.array([1.0, middle + x * reach]))
-        for x in (0.4, 3)
-    )
-    assert near == term.effect.rarity < far

@@ -7,10 +7,7 @@ import pytest
 
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.terms import find_overridden
-from selfheal.diagnosis.estimation.candidate_fit import (
-    estimate_candidates,
-    fit_candidate,
-)
+from selfheal.diagnosis.estimation.candidate_fit import fit_candidate
 from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
@@ -56,12 +53,6 @@ def test_a_planted_effect_is_found_with_its_value(case, request):
     base = LinearizedFit.from_fit(fit_parameters(rough, stated, ones, iterations=4))
     tried = fit_candidate(base, term)
     assert tried.cost < base.fit.cost
-    # the responses to its initial values alone tell that it would
-    ((estimated, change, start),) = estimate_candidates(base, [term])
-    assert estimated < base.fit.cost - 0.3 * (base.fit.cost - tried.cost)
-    assert ((base.fit.residuals + change) ** 2).sum() <= estimated + 1e-6
-    begun = fit_candidate(base, replace(term, initial_values=(tuple(start),)))
-    assert begun.values == pytest.approx(tried.values, rel=1e-9)
     found = fit_parameters(rough, tried.terms, tried.values, iterations=6)
     found = fit_parameters(problem, found.terms, found.values, iterations=6)
     error = FIT.interval_standard_errors * standard_errors(found)[-len(values) :]

@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.effects import find_effect, load_catalogue
+from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation import multiple_shooting
 from selfheal.diagnosis.estimation.jacobian import (
     compute_jacobian,
     respond_to_initial_states,
 )
-from selfheal.diagnosis.estimation.least_squares import fit_parameters
-from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
 from selfheal.diagnosis.estimation.problem import initial_state_std
 from selfheal.diagnosis.estimation.settings import FIT
-from selfheal.diagnosis.selection import screening
 from tests.support.problems import list_nominal_terms, make_problem
 from tests.support.recorded_robots import Robot, bench
 
@@ -114,32 +111,6 @@ def test_responses_to_initial_states_are_those_of_each_alone(coupling, tmp_path)
     each = (np.array(after) - before).T
     assert np.allclose(response, each, atol=1e-6 * np.abs(each).max())
     assert (simulated < 1 + 6) == (not coupling)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("coupling", ["", COUPLED])
-def test_candidates_are_ranked_as_each_alone(coupling, tmp_path, monkeypatch):
-    arms = _record(tmp_path, coupling)
-    (dry, *_), stated = (
-        find_effect("coulomb_friction").propose_terms(arms.robot),
-        list_nominal_terms(arms),
-    )
-    problem = make_problem(arms, [dry], [0.03])
-    base = LinearizedFit.from_fit(fit_parameters(problem, stated, np.ones(len(stated))))
-    effects = [e for e in load_catalogue().values() if not e.rounds_readings]
-    terms = [t for effect in effects for t in effect.propose_terms(arms.robot)]
-    ranked, counts = [], []
-    for find in screening.find_tree_residuals, lambda *_: {}:
-        monkeypatch.setattr(screening, "find_tree_residuals", find)
-        (fits, independent, again), simulated = _count(
-            problem,
-            lambda: screening.screen_candidates([base] * 3, terms, lambda *_: None),
-        )
-        ranked.append([t.key for t in (*again, *(f.terms[-1] for f in fits))])
-        counts.append((independent, simulated))
-    assert ranked[0] == ranked[1]
-    assert counts[0][0] == pytest.approx(counts[1][0])
-    assert (counts[0][1] < counts[1][1] - len(terms)) == (not coupling)
 
 
 def test_random_errors_of_many_states_cause_what_each_causes_alone(

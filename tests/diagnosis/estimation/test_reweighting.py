@@ -1,38 +1,11 @@
 """Initial states are estimated anew where the present ones mislead a fit."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
-from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
-from selfheal.diagnosis.estimation.reweighting import (
-    reestimate_initial_states,
-    reestimate_misleading_states,
-)
-from tests.support.problems import make_misread_problem, make_problem, with_contact
-
-
-def test_a_candidate_is_judged_with_initial_states_estimated_for_its_values(sticky):
-    b, term, values = sticky
-    plain = make_misread_problem(
-        b, term, values, np.zeros((len(make_problem(b).segments), 2))
-    )
-    errors = build_initial_state_offsets(b.simulator, plain.segments)[1:].sum(axis=0)
-    without = replace(
-        plain, initial_state_shift=5 * errors
-    )  # where something else would have begun
-    reestimated = reestimate_initial_states(without, (term,), values)
-    cost = [
-        float((p.residuals_at((term,), values) ** 2).sum())
-        for p in (without, reestimated)
-    ]
-    assert cost[1] < 0.5 * cost[0]
-    # where no start had to be sought, or something touches, all stays as it is
-    assert reestimate_initial_states(plain, (term,), values) is plain
-    touching = with_contact(without)
-    assert reestimate_initial_states(touching, (term,), values) is touching
+from selfheal.diagnosis.estimation.reweighting import reestimate_misleading_states
+from tests.support.problems import make_misread_problem, make_problem
 
 
 def test_an_initial_state_that_misleads_a_fit_is_estimated_again(sticky):

@@ -9,14 +9,13 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
-from selfheal.diagnosis.selection.cross_validation import ScoredFit
-from selfheal.diagnosis.selection.evidence import Evidence
 from selfheal.diagnosis.selection.holdout import (
     keep_predictive,
     try_equivalents,
 )
 from selfheal.diagnosis.selection.hypotheses import Hypothesis, NamedEffect
 from selfheal.diagnosis.selection.judge import Judge
+from selfheal.diagnosis.selection.search_state import Evidence
 from tests.support.problems import make_problem, name_effect
 
 
@@ -52,8 +51,7 @@ def test_the_last_fit_stands_unless_the_one_of_the_search_predicts_better(arm):
 
     def naming(value: float, fitted: Problem) -> Hypothesis:
         at = fit_parameters(fitted, (dry,), np.array([value]), iterations=0)
-        scored = ScoredFit.from_fit(at)
-        return Hypothesis(scored, scored, (name_effect(dry),), ())
+        return Hypothesis(at, at, (name_effect(dry),), ())
 
     # the held-out segments are those of a robot without any friction
     near, far = (naming(x, seen) for x in (0.01, 0.1))

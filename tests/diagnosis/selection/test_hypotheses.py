@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.diagnose import diagnose
-from selfheal.diagnosis.selection.replay_scores import HeldOutScores, HorizonScores
-from selfheal.diagnosis.selection.verdict import limit_verdict
 from tests.support.recorded_robots import NO_COMMAND, ROBOTS, Robot, record
 
 ANGLES = ("shoulder", "elbow")
@@ -78,24 +76,3 @@ def test_a_free_pendulum_that_loses_its_energy_slowly_is_heard(tmp_path):
     assert finding["effect"] == "viscous_friction"
     (value,) = finding["parameters"]
     assert value["low"] < damping < value["high"]
-
-
-@pytest.mark.parametrize(
-    ("verdict", "errors", "limited"),
-    [
-        ("nothing", ((0.011, 0.011), (0.012, 0.012)), "nothing"),
-        ("nothing", ((0.011, 0.011), (0.04, 0.04)), "unlisted"),
-        ("explained", ((0.5, 0.02), (0.9, 0.02)), "explained"),
-        ("explained", ((0.5, 0.02), (0.9, 0.3)), "partly"),
-        ("partly", ((0.5, 0.02), (0.9, 0.02)), "partly"),
-    ],
-)
-def test_a_verdict_is_borne_out_by_the_errors_over_every_horizon(
-    verdict, errors, limited
-):
-    horizons = tuple(
-        HorizonScores(s, {"refit": refit, "patched": patched, "floor": 0.01})
-        for s, (refit, patched) in enumerate(errors, 1)
-    )
-    scores = HeldOutScores(*[None] * 6, horizons)  # type: ignore[arg-type]
-    assert limit_verdict(verdict, scores) == limited

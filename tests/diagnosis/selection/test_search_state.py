@@ -1,43 +1,34 @@
-"""What a search holds as alternatives of a name, and when it ends."""
+"""When a search ends: by what residuals leave, and by what stated values ask for."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import Onset
-from selfheal.diagnosis.estimation.regime import CONTACT, SMOOTH
-from selfheal.diagnosis.selection.criteria import Claim
-from selfheal.diagnosis.selection.evidence import Evidence
+from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.selection.search_state import SearchState
+from tests.support.problems import list_nominal_terms, make_problem, with_contact
 
 
-def test_a_name_without_rivals_may_give_way_to_its_other_forms(arm):
-    forms = find_effect("load_dependent_friction").propose_terms(arm.robot)
-    dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
-    at = [t for t in forms if t.targets == dry.targets]
-    search = SimpleNamespace(claims={}, candidates=[dry, *forms])
-    assert len(at) == 2
-    assert SearchState.find_alternatives(search, at[0]) == at[1:]
-    assert SearchState.find_alternatives(search, at[1]) == at[:1]
-    assert SearchState.find_alternatives(search, dry) == []
-    search.claims = {at[0].key: Claim(Evidence(1.0, 1e-3, 1.0), (), (dry,))}
-    assert SearchState.find_alternatives(search, at[0]) == (dry,)
+@pytest.mark.parametrize("dry", [0.0, 0.1])
+def test_noise_is_explained_and_friction_is_not(arm, dry):
+    (_, term) = find_effect("coulomb_friction").propose_terms(arm.robot)
+    stated = list_nominal_terms(arm)
+    ones = np.ones(len(stated))
+    problem = make_problem(arm, (*stated, term), (*ones, dry))
+    state = SearchState(fit_parameters(problem, stated, ones), len(stated), ())
+    assert state.is_explained == state.is_complete == (not dry)
 
 
-@pytest.mark.parametrize("regime", [CONTACT, SMOOTH], ids=["contact", "smooth"])
-@pytest.mark.parametrize("is_explained", [True, False])
-def test_in_contact_one_effect_that_set_in_is_all_that_did_if_it_explains_the_error(
-    arm, is_explained, regime
-):
-    (dry, *_) = find_effect("coulomb_friction").propose_terms(arm.robot)
-    search = SimpleNamespace(
-        problem=SimpleNamespace(regime=regime), named=(dry,), noise_ratio=1.9,
-        is_explained=is_explained, is_white=False, is_explained_by_timestep=False,
-        has_bad_channel=False, is_prior_violated=False,
-    )  # fmt: skip
-    assert not SearchState.is_complete.fget(search)
-    search.named = (replace(dry, onset=Onset(1, "001", 0.0, 0.0, 0.1)),)
-    expected = is_explained and regime is CONTACT
-    assert SearchState.is_complete.fget(search) == expected
+def test_stated_values_at_their_bounds_ask_for_an_effect(arm):
+    stated = list_nominal_terms(arm)
+    values = np.ones(len(stated))
+    problem = make_problem(arm, stated, values)
+    values[:4] = [t.high[0] for t in stated[:4]]
+    at = replace(make_problem(arm, stated, values), segments=problem.segments)
+    for each in (at, with_contact(at)):
+        fit = fit_parameters(each, stated, values, iterations=0)
+        fit = replace(fit, residuals=1e-3 * fit.residuals / np.abs(fit.residuals).max())
+        state = SearchState(fit, len(stated), ())
+        assert state.is_explained and not state.is_complete

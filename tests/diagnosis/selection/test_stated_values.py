@@ -9,7 +9,6 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.linearized_fit import LinearizedFit
-from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
 from selfheal.diagnosis.selection.refine import refit_native_timestep
 from selfheal.diagnosis.selection.settings import SELECTION
@@ -84,10 +83,9 @@ def test_a_value_at_a_bound_returns(terms, wrong):
 
 def test_without_any_name_the_model_is_as_given_again(terms, right):
     fit = fit_parameters(right[0].problem, terms[:-1], np.ones(len(terms) - 1))
-    scored = ScoredFit.from_fit(fit)
-    given = hold_stated(Hypothesis(scored, scored, (), ()))
-    assert (given.final.fit.values == 1).all()
-    native = refit_native_timestep(LinearizedFit.from_fit(given.final.fit))
+    given = hold_stated(Hypothesis(fit, fit, (), ()))
+    assert (given.final.values == 1).all()
+    native = refit_native_timestep(LinearizedFit.from_fit(given.final))
     assert (native.fit.values == 1).all()
 
 
@@ -106,9 +104,8 @@ def test_a_changed_value_has_the_digits_of_its_interval(terms, wrong):
 
 def test_an_effect_has_the_digits_of_its_interval(terms, right):
     base, errors = right
-    scored = ScoredFit.from_fit(base.fit)
-    naming = Hypothesis(scored, scored, (name_effect(terms[-1]),), ())
-    rounded = round_effects(naming).final.fit
+    naming = Hypothesis(base.fit, base.fit, (name_effect(terms[-1]),), ())
+    rounded = round_effects(naming).final
     assert rounded.values[:-1] == pytest.approx(base.fit.values[:-1], abs=0)
     assert abs(rounded.values[-1] - base.fit.values[-1]) < errors[-1] / 3
     assert len(f"{rounded.values[-1]:.12g}") < len(f"{base.fit.values[-1]:.12g}")
@@ -119,23 +116,19 @@ def test_a_shift_along_the_axis_changes_nothing_and_is_none(pendulum):
     truth = (0.01, 0.0, 0.0)  # the axis is y
     problem = make_problem(pendulum, (shift,), truth)
     fit = fit_parameters(problem, (shift,), np.array([0.008, 0.05, 0.0]), iterations=4)
-    scored = ScoredFit.from_fit(fit)
-    naming = Hypothesis(scored, scored, (name_effect(shift),), ())
-    x, y, _ = round_effects(naming).final.fit.values
+    naming = Hypothesis(fit, fit, (name_effect(shift),), ())
+    x, y, _ = round_effects(naming).final.values
     assert y == 0 and x == pytest.approx(truth[0], rel=0.1)
 
 
 def test_findings_alone_leave_what_the_model_states(terms, right):
     base, errors = right
-    scored = ScoredFit.from_fit(base.fit)
     nominal = fit_parameters(base.problem, terms[:-1], np.ones(len(terms) - 1))
-    naming = Hypothesis(
-        ScoredFit.from_fit(nominal), scored, (name_effect(terms[-1]),), ()
-    )
+    naming = Hypothesis(nominal, base.fit, (name_effect(terms[-1]),), ())
     held = hold_stated(naming)
-    for fit in (held.nominal.fit, held.final.fit):
+    for fit in (held.nominal, held.final):
         assert (fit.values[: len(terms) - 1] == 1).all()
-    assert held.final.fit.values[-1] == pytest.approx(FRICTION, abs=4 * errors[-1])
+    assert held.final.values[-1] == pytest.approx(FRICTION, abs=4 * errors[-1])
     assert held.named == naming.named
     again = hold_stated(held)
-    assert again.final.fit.values == pytest.approx(held.final.fit.values, rel=1e-3)
+    assert again.final.values == pytest.approx(held.final.values, rel=1e-3)

@@ -11,17 +11,17 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
 from selfheal.diagnosis.estimation.problem import Problem
-from selfheal.diagnosis.selection.cross_validation import ScoredFit
 from selfheal.diagnosis.selection.hypotheses import Hypothesis
 from selfheal.diagnosis.selection.verdict import (
+    Outcome,
+    decide_verdict,
     is_replay_off,
     predicts_worse,
     removes_too_little,
-    withhold_verdict,
 )
 from selfheal.diagnosis.simulation import score
 from tests.support.diagnosis_folder import score_model
-from tests.support.problems import NOISE, STEPS
+from tests.support.problems import NOISE, STEPS, name_effect
 from tests.support.recorded_robots import bench
 
 
@@ -38,8 +38,7 @@ def _make_hypothesis(b, value: float | None = None) -> Hypothesis:
         final = fit_parameters(problem, (term,), np.array([0.05]))
     else:
         final = fit_parameters(problem, (term,), np.array([value]), iterations=0)
-    scored = (ScoredFit.from_fit(fit) for fit in (nominal, final))
-    return Hypothesis(*scored, (), ())
+    return Hypothesis(nominal, final, (name_effect(term),), ())
 
 
 def _bench_with_friction(robot: str, folder, dry: float):
@@ -112,7 +111,7 @@ def _is_off(b, floor: float, off=()) -> bool:
         segments=segments, count=count, squares={"patched": squares}, numbers=numbers
     )
     assert patched > 6 * floor
-    naming = SimpleNamespace(final=SimpleNamespace(fit=none))
+    naming = SimpleNamespace(final=none)
     return is_replay_off(SimpleNamespace(held_out=held), naming, proof)
 
 
@@ -132,8 +131,36 @@ def test_a_coarse_time_step_makes_no_replay_off(tmp_path):
     assert not _is_off(b, each[0] / 8)
 
 
-@pytest.mark.parametrize("verdict", ["explained", "partly", "unlisted", "nothing"])
-def test_only_a_search_that_was_through_knows_that_no_effect_explains_it(verdict):
-    assert withhold_verdict(verdict, False) == verdict
-    withheld = "undecided" if verdict == "unlisted" else verdict
-    assert withhold_verdict(verdict, True) == withheld
+CLEAN = Outcome(
+    has_names=False,
+    has_quantization=False,
+    has_structure=False,
+    explained=0.0,
+    is_replay_off=False,
+    floor_ratios=(1.0, 1.1),
+    removed=(None, None),
+    is_stopped=False,
+)
+NAMED = replace(CLEAN, has_names=True, explained=0.99, removed=(0.97, 0.95))
+
+
+@pytest.mark.parametrize("outcome, verdict", [
+    (CLEAN, "nothing"),
+    (replace(CLEAN, is_stopped=True), "nothing"),
+    (replace(CLEAN, has_structure=True), "unlisted"),
+    (replace(CLEAN, is_replay_off=True), "unlisted"),
+    (replace(CLEAN, floor_ratios=(1.1, 4.0)), "unlisted"),
+    (replace(CLEAN, has_structure=True, is_stopped=True), "undecided"),
+    (NAMED, "explained"),
+    (replace(NAMED, is_stopped=True), "explained"),
+    (replace(NAMED, has_structure=True), "explained"),
+    (replace(NAMED, has_structure=True, explained=0.7), "partly"),
+    (replace(NAMED, explained=0.7), "explained"),
+    (replace(NAMED, removed=(0.97, 0.6)), "partly"),
+    (replace(NAMED, removed=(0.97, None)), "explained"),
+    (replace(NAMED, is_replay_off=True), "partly"),
+    (replace(CLEAN, has_quantization=True), "explained"),
+    (replace(CLEAN, has_quantization=True, has_structure=True), "partly"),
+])  # fmt: skip
+def test_each_outcome_has_its_verdict(outcome, verdict):
+    assert decide_verdict(outcome) == verdict

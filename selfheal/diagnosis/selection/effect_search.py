@@ -18,17 +18,20 @@ from ..linear.measurement import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
 from ..linear.torque_balance import TorqueBalance, can_be_linear
-from .criteria import Claim
-from .cross_validation import ScoredFit
-from .evidence import Evidence
 from .lengthening import fit_longer
 from .search_record import SearchRecord
-from .search_state import SearchState, reweight_and_fit, reweight_repeatedly
+from .search_state import (
+    Claim,
+    Evidence,
+    SearchState,
+    reweight_and_fit,
+    reweight_repeatedly,
+)
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
 
 
-def search_linear_model(
+def search_effects(
     state: SearchState,
     longer: Sequence[Problem],
     rng: np.random.Generator,
@@ -63,7 +66,7 @@ def search_linear_model(
 
 def _search_segments(state: SearchState, record: SearchRecord) -> Search:
     """The search for more effects by predictions of segments."""
-    fit, count = state.best.fit, state.nominal_count
+    fit, count = state.best, state.nominal_count
     errors = SegmentErrors(fit.problem)
     start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
     return Search(start, state.candidates, record)
@@ -116,7 +119,7 @@ def _balance_torques(
     motion = measure_motion(simulator.native, rng)
     if len(motion.windows) < MIN_WINDOWS:
         return None
-    return start_fit(TorqueBalance(motion), state.best.fit.terms[: state.nominal_count])
+    return start_fit(TorqueBalance(motion), state.best.terms[: state.nominal_count])
 
 
 def _walk(
@@ -170,13 +173,13 @@ def _fit_set(
         rng: draws resamples.
         record: of what was tried and found.
     """
-    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
-    fitted = _fit_to_simulations(state, linear, longer, record)
     for term in linear.named:
-        rivals = search.find_rivals(linear, term)
         evidence = Evidence(*search.weigh(linear, term, rng))
-        fitted = fitted.with_claim(term, Claim(evidence, rivals, rivals))
-    return fitted
+        state = state.with_claim(
+            term, Claim(evidence, search.find_rivals(linear, term))
+        )
+    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
+    return _fit_to_simulations(state, linear, longer, record)
 
 
 def _fit_to_simulations(
@@ -196,7 +199,7 @@ def _fit_to_simulations(
     terms, values = linear.terms, linear.values[: linear.count]
     problem = marginalize_initial_states(state.problem, terms, values)
     fit = reweight_repeatedly(fit_parameters(problem, terms, values, iterations=4), 4)
-    record.keep(state.with_fit(ScoredFit.from_fit(fit)))
+    record.keep(state.with_fit(fit))
     fit = fit_longer(fit, longer)
     state = state.with_fit(reweight_and_fit(fit, 4, tries_multiples=False))
     record.keep(state)
