@@ -22,6 +22,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.terms import find_overridden
 from ..simulation.checkpoint import Arrays
 from .fit import Fit
 from .jacobian import compute_jacobian
@@ -44,20 +45,17 @@ class Trial:
         point: (P) values there [units of the parameters].
         cost: there.
         residuals: (R) there [standard deviations].
-        others_step: (P - p) step of the values that answer linearly; (0) without any.
     """
 
     point: Floats
     cost: float
     residuals: Floats
-    others_step: Floats
 
 
 def search_dampings(
     cost: float,
     propose: Callable[[float], tuple[float, Floats]],
     evaluate: Callable[[Floats], Sequence[Trial]],
-    min_predicted_gain: float = 0.0,
 ) -> Trial | None:
     """Try the least damped step, and all others if it gains too little.
 
@@ -68,8 +66,6 @@ def search_dampings(
         cost: before a step.
         propose: gives the predicted cost and the point (P) of a damping.
         evaluate: simulates points (n, P).
-        min_predicted_gain: share of the cost; a step predicted to save less is not
-            tried.
 
     Returns:
         The trial of the lowest cost; None: no step lowers the cost.
@@ -78,8 +74,6 @@ def search_dampings(
     for dampings in FIT.dampings[:1], FIT.dampings[1:]:
         predicted, points = zip(*map(propose, dampings), strict=True)
         predicted_gain = cost - min(predicted)
-        if predicted_gain < min_predicted_gain * cost:
-            break
         for trial in evaluate(np.array(points)):
             if trial.cost < lowest:
                 best, lowest = trial, trial.cost
@@ -114,6 +108,31 @@ def fit_parameters(
     )
     values, residuals, last = problem.simulator.load_or_compute(compute)
     return Fit(problem, terms, values, residuals, last)
+
+
+def fit_one_more(fit: Fit, term: Term, start: Floats, iterations: int) -> Fit:
+    """A fit with one more term, whose own columns of the Jacobian alone are computed.
+
+    Args:
+        fit: without the term.
+        term: to be added last.
+        start: (p) values of it to begin with [units of its parameters].
+        iterations: at most, of all values.
+    """
+    terms, values = (*fit.terms, term), np.append(fit.values, start)
+    residuals = fit.problem.residuals_at(terms, values)
+    count = len(fit.values)
+    own = compute_jacobian(fit.problem, terms, values, residuals, count)
+    jacobian = np.hstack([fit.jacobian, own])
+    jacobian[:, find_overridden(term, fit.terms)] = 0.0
+    return fit_parameters(
+        fit.problem,
+        terms,
+        values,
+        iterations=iterations,
+        jacobian=jacobian,
+        only_updates=True,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +238,7 @@ def _search_step(
         residuals = problem.compute_residuals(terms, points)
         penalties = (prior * (points - 1) ** 2).sum(axis=1)
         return [
-            Trial(x, float(r @ r + penalty), r, np.zeros(0))
+            Trial(x, float(r @ r + penalty), r)
             for x, r, penalty in zip(points, residuals, penalties, strict=True)
         ]
 

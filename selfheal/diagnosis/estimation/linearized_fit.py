@@ -4,14 +4,13 @@ The quadratic model of the cost near a fit, with the Jacobian as fitted.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_overridden
 from .fit import Fit
 from .problem import Problem
 from .quadratic_model import (
@@ -59,18 +58,6 @@ class LinearizedFit:
         return LinearizedFit.from_fit(
             Fit(part, fit.terms, fit.values, residuals, jacobian)
         )
-
-    def release_overridden(self, term: Term) -> "LinearizedFit":
-        """The fit in which nominal values that a term overrides have no effect."""
-        overridden = find_overridden(term, self.fit.terms)
-        if not overridden:
-            return self
-        jacobian, curvature = self.fit.jacobian.copy(), self.curvature.copy()
-        jacobian[:, overridden] = 0.0
-        curvature[overridden], curvature[:, overridden] = 0.0, 0.0
-        curvature[overridden, overridden] = self.prior[overridden]
-        fit = replace(self.fit, jacobian=jacobian)
-        return LinearizedFit(fit, self.prior, curvature)
 
     @cached_property
     def gradient(self) -> Floats:

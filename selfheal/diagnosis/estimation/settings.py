@@ -124,38 +124,6 @@ class FitSettings:
 
     # One more term beside a fit
 
-    candidate_iterations: int = 4
-    """Iterations of the fit of one more term, at most. Chosen: half of those of a fit,
-    for all other values answer linearly."""
-
-    candidate_min_predicted_gain: float = 1e-3
-    """Share of the cost that a step of one more term must be predicted to save, to be
-    tried. Chosen: as `min_iteration_gain`."""
-
-    candidate_min_step_gain: float = 1e-6
-    """Share of the cost that a step of one more term must save to be accepted. Chosen:
-    less is rounding."""
-
-    least_response: float = 1e-6
-    """Standard deviations by which a value's scale must change some residual to act at
-    all. Chosen: less is rounding."""
-
-    plateau_halvings: int = 6
-    """Halvings of a limit that is never met, each of which a fit tries. Chosen: down
-    to a hundredth and a half."""
-
-    candidate_min_iteration_gain: float = 2e-3
-    """Share of the cost that an iteration must save for another one. Chosen: a tenth of
-    what a name must remove where nothing touches."""
-
-    max_clipped_share: float = 0.5
-    """Share of clipped residuals from which no search begins. Chosen: half of a
-    simulation that diverged has no slope to follow."""
-
-    sinusoid_rank_tolerance: float = 1e-12
-    """Singular values, of the largest one, that count as zero where the amplitudes of a
-    sinusoid are solved for. Chosen: above the rounding of a double."""
-
     # Initial states
 
     min_initial_state_std: float = 1e-300

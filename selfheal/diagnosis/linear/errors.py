@@ -119,6 +119,42 @@ class Direction:
     columns: Floats
     volumes: Floats
 
+    @property
+    def _is_sinusoid(self) -> bool:
+        """Whether coordinates are those of a sine and a cosine of one frequency."""
+        return self.term.effect.is_periodic and len(self.steps) == 2
+
+    def compute_values(self, coordinates: Floats) -> Floats:
+        """Values (p) of the term at coordinates (k), within its bounds."""
+        if not np.isfinite(self.start).all():
+            values = self.steps[0]
+        elif self._is_sinusoid:
+            sine, cosine = coordinates
+            amplitude, frequency, phase = self.start + self.steps[0]
+            turned = np.mod(phase + np.arctan2(cosine, sine), 2 * np.pi)
+            size = np.hypot(sine, cosine)
+            values = np.array([amplitude * size, frequency, turned])
+        else:
+            values = self.start + coordinates @ self.steps
+        return np.clip(values, self.term.low, self.term.high)
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Bounds (k) of coordinates, each alone, within those of the values."""
+        count, term = len(self.steps), self.term
+        if not np.isfinite(self.start).all():
+            return np.zeros(count), np.ones(count)
+        if self._is_sinusoid:
+            most = term.high[0] / (self.start + self.steps[0])[0]
+            return np.full(count, -most), np.full(count, most)
+        low, high = np.full(count, -np.inf), np.full(count, np.inf)
+        for k, step in enumerate(self.steps):
+            for p in np.flatnonzero(step):
+                ends = np.array([term.low[p], term.high[p]]) - self.start[p]
+                a, b = np.sort(ends / step[p])
+                low[k], high[k] = max(low[k], a), min(high[k], b)
+        return np.minimum(low, 0), np.maximum(high, 0)
+
 
 def differentiate(
     model: ErrorModel,
@@ -137,6 +173,8 @@ def differentiate(
         which: (p) numbers of the values; None: all.
     """
     chosen = np.arange(len(values)) if which is None else np.array(which, int)
+    if not len(chosen):
+        return Errors(np.zeros((0, errors.values.size)), np.zeros(0))
     scale = np.concatenate([t.scale for t in terms])
     high = np.concatenate([t.high for t in terms])
     step = model.derivative_step * scale

@@ -267,9 +267,7 @@ def add_terms(
     for d in directions:
         z = coordinates[at : at + len(d.columns)]
         at += len(d.columns)
-        is_finite = np.isfinite(d.start).all()
-        value = d.start + z @ d.steps if is_finite else d.steps[0]
-        new.append(np.clip(value, d.term.low, d.term.high))
+        new.append(d.compute_values(z))
     own = np.concatenate(new)
     p = fit.count
     terms = (*fit.terms, *(d.term for d in directions))

@@ -124,7 +124,7 @@ def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Float
             continue
         low, high = (
             np.concatenate(bounds)
-            for bounds in zip(*(_bound_coordinates(d) for d in move), strict=True)
+            for bounds in zip(*(d.bounds for d in move), strict=True)
         )
         size = 1 / np.sqrt(np.diag(own))
         z = solve_bounded_step(own, score, low, high, size, SOLVER_SHARE)
@@ -136,17 +136,3 @@ def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Float
         if name_move(move) not in best or gain > best[name_move(move)][0]:
             best[name_move(move)] = gain, move, z
     return sorted(best.values(), key=lambda each: -each[0])
-
-
-def _bound_coordinates(direction: Direction) -> tuple[Floats, Floats]:
-    """Bounds (k) of coordinates, each alone, within those of the values."""
-    count, term = len(direction.steps), direction.term
-    if not np.isfinite(direction.start).all():
-        return np.zeros(count), np.ones(count)
-    low, high = np.full(count, -np.inf), np.full(count, np.inf)
-    for k, step in enumerate(direction.steps):
-        for p in np.flatnonzero(step):
-            ends = np.array([term.low[p], term.high[p]]) - direction.start[p]
-            a, b = np.sort(ends / step[p])
-            low[k], high[k] = max(low[k], a), min(high[k], b)
-    return np.minimum(low, 0), np.maximum(high, 0)

@@ -5,6 +5,7 @@ posterior of sets: likelihood, prior of values, and log-odds of each effect.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -131,7 +132,7 @@ class Search:
         """Candidates that explain as much in a term's place, the likeliest first.
 
         Those whose gain is less by no more than what a parameter more would have to
-        gain.
+        gain; they begin at the values that they have there.
 
         Args:
             fit: of the path.
@@ -146,9 +147,10 @@ class Search:
         for gain, move, coordinates in ranked[: 2 * TRIED]:
             if gain < least:
                 break
-            gained = less.cost - add_terms(less, move, coordinates).cost
+            new = add_terms(less, move, coordinates)
+            gained, at = less.cost - new.cost, tuple(new.named_values[-1].tolist())
             if gained >= least:
-                found.append((gained, move[0].term))
+                found.append((gained, replace(new.named[-1], initial_values=(at,))))
         found.sort(key=lambda each: -each[0])
         return tuple(t for _, t in found)
 

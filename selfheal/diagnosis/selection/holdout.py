@@ -12,10 +12,9 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import is_distinct
-from ..estimation.candidate_fit import fit_candidate
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
-from ..estimation.least_squares import fit_parameters
+from ..estimation.least_squares import fit_one_more, fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -203,8 +202,7 @@ def try_equivalents(
     for term in refuted.equivalent:
         if not is_distinct(term, less.terms):
             continue
-        tried = fit_candidate(LinearizedFit.from_fit(less), term)
-        fit = fit_parameters(less.problem, tried.terms, tried.values, iterations=6)
+        fit = fit_one_more(less, term, np.array(term.initial_values[0], float), 6)
         with_it = judge.log_errors(fit)
         lead = float(compare(with_it, errors).mean())
         if is_clearly_better(with_it, errors) and lead > most:

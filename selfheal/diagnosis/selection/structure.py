@@ -12,10 +12,9 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.free_form import FreeFormTorque
-from ..estimation.candidate_fit import fit_candidate
 from ..estimation.fit import Fit
 from ..estimation.jacobian import compute_jacobian
-from ..estimation.least_squares import fit_parameters
+from ..estimation.least_squares import fit_one_more, fit_parameters
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import expected_cost, robust_noise, worst_channel_ratio
@@ -89,7 +88,8 @@ def _find_free_form(dataset: Dataset, fit: Fit) -> float:
     base, judge = LinearizedFit.from_fit(fit), Judge.build(dataset, fit)
     errors, share = judge.log_errors(fit), 0.0
     for term in _choose_likeliest(base, FreeFormTorque().propose_terms(dataset.robot)):
-        new = fit_candidate(base, term, iterations=2)
+        absent = np.array([p.nominal for p in term.parameters], float)
+        new = fit_one_more(fit, term, absent, 2)
         if is_clearly_better(judge.log_errors(new), errors):
             share = max(share, 1 - new.cost / fit.cost)
     return share
