@@ -136,13 +136,18 @@ class LinearFit:
         return replace(self, terms=terms, values=values, errors=errors)
 
     def linearized(self) -> "LinearFit":
-        """The fit with a Jacobian at its values, and errors that suit them."""
+        """The fit with a Jacobian at its values."""
         p = self.count
         values, nuisance = self.values[:p], self.values[p:]
-        new = _linearize(self.model.adapt(self.terms, values), self.terms, values)
+        new = _linearize(self.model, self.terms, values)
         change = nuisance @ new.jacobian.values[p:]
         errors = replace(new.errors, values=new.errors.values + change)
         return replace(new, stated=self.stated, values=self.values, errors=errors)
+
+    def adapted(self) -> "LinearFit":
+        """The fit with errors that suit its values; its Jacobian is of others."""
+        model = self.model.adapt(self.terms, self.values[: self.count])
+        return replace(self, model=model)
 
     def thin(self, share: float) -> "LinearFit":
         """The fit in so many times fewer rows."""
@@ -245,7 +250,7 @@ def refine(fit: LinearFit, iterations: int = 4) -> LinearFit:
     """Gauss-Newton with a new Jacobian before each descent."""
     cost = fit.cost
     for _ in range(iterations):
-        fit = descend(fit.linearized(), 4)
+        fit = descend(fit.adapted().linearized(), 4)
         after = fit.cost
         if cost - after < 5 * LEAST_GAIN:
             break

@@ -16,6 +16,7 @@ from .errors import Direction, propose_directions
 from .fit import (
     LinearFit,
     add_terms,
+    descend,
     invert,
     refine,
     remove_terms,
@@ -248,10 +249,10 @@ class Search:
             if most[id(move)] < min(best, likely) or worse == TRIED:
                 break
             tried = self._eliminate(add_terms(fit, move, coordinates))
-            share, rows = self._independence(tried)
-            price = sum(self._penalty(t, rows) for t in tried.named)
-            price -= sum(self._penalty(t, rows) for t in fit.named)
-            gain = fit.cost - tried.cost
+            gain, price, share = self._compare(tried)
+            if share * gain > price:  # a Jacobian held too long misleads
+                tried = self._eliminate(descend(tried.linearized()))
+                gain, price, share = self._compare(tried)
             is_small = all(
                 t in fit.named or t.is_negligible(v)
                 for t, v in zip(tried.named, tried.named_values, strict=True)
@@ -268,6 +269,13 @@ class Search:
             return None
         least = min(share for _, _, share, _ in earned)  # alike for all
         return max(earned, key=lambda x: least * x[0] - x[1])[-1]
+
+    def _compare(self, tried: LinearFit) -> tuple[float, float, float]:
+        """What a fit gains [nats], by how much it has to, and its share of rows."""
+        share, rows = self._independence(tried)
+        price = sum(self._penalty(t, rows) for t in tried.named)
+        price -= sum(self._penalty(t, rows) for t in self.fit.named)
+        return self.fit.cost - tried.cost, price, share
 
     def _sum_penalties(self, move: Move, rows: float) -> float:
         """[nats] by which a move has to lower the cost."""

@@ -60,14 +60,22 @@ def search_effects(
     regime = state.problem.regime
     if regime.has_rough_cost or regime.has_single_readings:
         return _alternate(states, longer, rng, record)
-    search = _search_segments(states[-1], record)
+    search = _search_segments(state.problem, states[-1], record)
     return [*states, *_walk(search, states[-1], longer, rng, record)]
 
 
-def _search_segments(state: SearchState, record: SearchRecord) -> Search:
-    """The search for more effects by predictions of segments."""
+def _search_segments(
+    problem: Problem, state: SearchState, record: SearchRecord
+) -> Search:
+    """The search for more effects by predictions of segments.
+
+    Args:
+        problem: its segments; in longer ones what is missing has grown, and hides more.
+        state: whose effects and values to begin with.
+        record: of what was tried and found.
+    """
     fit, count = state.best, state.nominal_count
-    errors = SegmentErrors(fit.problem)
+    errors = SegmentErrors(problem)
     start = start_fit(errors, fit.terms[:count], fit.terms[count:], fit.values)
     return Search(start, state.candidates, record)
 
@@ -90,7 +98,7 @@ def _alternate(
     """
     found = list(states)
     while not found[-1].is_explained:
-        search = _search_segments(found[-1], record)
+        search = _search_segments(states[0].problem, found[-1], record)
         is_moved = search.make_move()
         record.add_tried(search.candidates)
         state = _keep_ranking(found[-1], search)

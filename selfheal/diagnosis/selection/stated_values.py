@@ -99,12 +99,22 @@ def round_effects(hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _reset_idle(fit: Fit) -> Fit:
-    """The fit with nominal values where none within its bounds changes a residual."""
+    """The fit with nominal values where these change no residual.
+
+    A stop that is never met has no slope either, but may be where another one is met.
+    """
     low, high, _ = stack_bounds(fit.terms)
     nominal = np.array([p.nominal for t in fit.terms for p in t.parameters], float)
     reach = np.linalg.norm(fit.jacobian, axis=0) * (high - low)
     is_idle = (reach < 1) & np.isfinite(nominal) & ~is_stated(fit.terms)
-    return replace(fit, values=np.where(is_idle, nominal, fit.values))
+    idle = np.flatnonzero(is_idle & (nominal != fit.values))
+    values, points = fit.values.copy(), np.tile(fit.values, (len(idle), 1))
+    points[np.arange(len(idle)), idle] = nominal[idle]
+    if len(idle):
+        moved = fit.problem.compute_residuals(fit.terms, points)
+        idle = idle[np.linalg.norm(moved - fit.residuals, axis=1) < 1]
+    values[idle] = nominal[idle]
+    return replace(fit, values=values)
 
 
 def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
