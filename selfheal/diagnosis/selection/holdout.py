@@ -150,7 +150,7 @@ def find_uncertain(fit: Fit) -> list[Term]:
 
     A Wald test (1943). The errors count those of the time step and of the commands'
     clock, which a likelihood ratio does not. In contact, and of single readings, none
-    could be trusted.
+    could be trusted; nor where there is no slope, as of a stop that is not met.
 
     Args:
         fit: with a Jacobian near its values.
@@ -159,8 +159,13 @@ def find_uncertain(fit: Fit) -> list[Term]:
     if regime.has_rough_cost or regime.has_single_readings:
         return []
     errors = split_values(fit.terms, standard_errors(fit))
+    slopes = split_values(fit.terms, np.linalg.norm(fit.jacobian, axis=0))
     found = []
-    for (term, values), limits in zip(fit.values_by_term.items(), errors, strict=True):
+    for (term, values), limits, slope in zip(
+        fit.values_by_term.items(), errors, slopes, strict=True
+    ):
+        if not (slope * term.scale > 1).any():
+            continue
         each = zip(term.parameters, values, limits, strict=True)
         is_near = [
             abs(v - p.nominal) <= SELECTION.min_standard_errors * error
