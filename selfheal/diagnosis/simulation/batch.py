@@ -183,7 +183,10 @@ def restore_whole_steps(
 ) -> None:
     """Change velocities, and what follows from them, to those of whole steps.
 
-    A leapfrog has them half a step earlier: v[k] = (v[k-1/2] + v[k+1/2]) / 2.
+    A leapfrog has them half a step earlier: where things touch, and velocities jump,
+    v[k] = (v[k-1/2] + v[k+1/2]) / 2. Elsewhere v[k] = (3 v[k-1/2] - v[k-3/2]) / 2, for
+    logs are often read as commands change: acceleration jumps then by some D, and the
+    mean would be h D / 4 off.
 
     Args:
         batch: that was simulated, and will not be simulated on.
@@ -194,6 +197,8 @@ def restore_whole_steps(
     """
     early = recorded["qvel"].copy()
     recorded["qvel"][:-1] = (early[:-1] + early[1:]) / 2
+    if not sensors.is_touching:
+        recorded["qvel"][1:] = (3 * early[1:] - early[:-1]) / 2
     rates, accelerations = sensors.rates, sensors.accelerations
     if not ("cvel" in recorded or len(rates) or len(accelerations)):
         return

@@ -24,6 +24,7 @@ class SensorReader:
         needs: names of the fields that it reads, beside qpos and qvel.
         width: how many columns all channels have.
         rates: indices into sensordata of what depends on velocities (a gyroscope).
+        is_touching: whether contacts are looked for.
         accelerations: indices into sensordata of what depends on accelerations; none
             where things touch: contacts change these more than half a step does.
     """
@@ -48,9 +49,9 @@ class SensorReader:
         model, link_joints = variant.model, _find_link_joints(variant, terms)
         sensors = [model.sensor(c.target).id for c in channels if c.kind == "sensor"]
         self.rates = _find_sensor_rows(model, sensors, STAGE_VELOCITY)
-        is_touching = not model.opt.disableflags & CONTACTS_DISABLED
+        self.is_touching = not model.opt.disableflags & CONTACTS_DISABLED
         self.accelerations = _find_sensor_rows(
-            model, [] if is_touching else sensors, STAGE_ACCELERATION
+            model, [] if self.is_touching else sensors, STAGE_ACCELERATION
         )
         for c in channels:
             needs, read = _make_reader(model, c, link_joints)
