@@ -56,6 +56,10 @@ def search_effects(
         if states[-1].is_explained:
             record.add_tried(state.candidates)  # nothing is left for others
             return states
+        hidden = [t for t in state.candidates if not can_be_linear(t)]
+        if not hidden:
+            return states
+        states[-1] = states[-1].with_candidates(hidden)
     record("predicting segments", 0.0)
     regime = state.problem.regime
     if regime.has_rough_cost or regime.has_single_readings:

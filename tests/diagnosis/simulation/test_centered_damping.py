@@ -1,11 +1,15 @@
-"""Damping of a step's mean velocity, by inertia that is taken away."""
+"""Steps of second order: damping of a mean velocity, and velocities of whole steps."""
+
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.model_variants import compute_inverse_inertias
+from tests.support.recorded_robots import ROBOTS, bench
 
 # links in line, so that all joints together move next to no mass in some directions
 CHAIN = """<mujoco><option integrator="implicitfast"/><worldbody>{bodies}</worldbody>
@@ -38,3 +42,20 @@ def test_small_damping_is_centered_in_full():
     model = _chain(4, 1e-3, 1e-3)
     center_damping(model, 0.002, compute_inverse_inertias(model))
     assert model.dof_armature == pytest.approx(-0.002 / 2 * 2e-3)
+
+
+def test_velocities_read_as_commands_change_are_of_second_order(tmp_path):
+    robot = ROBOTS["arm"]
+    signals = {n: ("joint_velocity", n, "rad/s") for n in ("shoulder", "elbow")}
+    b = bench(replace(robot, signals=signals), tmp_path, episodes=2, seconds=1.0)
+    simulator, segments = b.simulator, cut_segments(b.simulator.episodes, 100)
+    predicted = []
+    for _ in range(5):
+        none = np.zeros((1, 0))
+        predicted.append(simulator.simulate((), none, segments, centered=True)[0])
+        simulator = simulator.with_half_step
+        segments = segments.with_finer_steps(2)
+    coarse, fine = (
+        np.sqrt(np.mean((x - predicted[-1]) ** 2, axis=0)) for x in predicted[1:3]
+    )
+    assert (coarse > 3 * fine).all()
