@@ -74,7 +74,8 @@ def decide_verdict(outcome: Outcome) -> Verdict:
         )
         return Verdict.EXPLAINED if is_whole and is_replayed else Verdict.PARTLY
     limit = SELECTION.max_floor_ratio_of_nothing
-    if is_clean and not outcome.is_replay_off and max(outcome.floor_ratios) <= limit:
+    is_floor = not any(ratio > limit for ratio in outcome.floor_ratios)
+    if is_clean and is_floor and not outcome.is_replay_off:
         return Verdict.NOTHING
     return Verdict.UNDECIDED if outcome.is_stopped else Verdict.UNLISTED
 

@@ -147,6 +147,7 @@ NAMED = replace(CLEAN, has_names=True, explained=0.99, removed=(0.97, 0.95))
 @pytest.mark.parametrize("outcome, verdict", [
     (CLEAN, "nothing"),
     (replace(CLEAN, is_stopped=True), "nothing"),
+    (replace(CLEAN, floor_ratios=(), removed=()), "nothing"),
     (replace(CLEAN, has_structure=True), "unlisted"),
     (replace(CLEAN, is_replay_off=True), "unlisted"),
     (replace(CLEAN, floor_ratios=(1.1, 4.0)), "unlisted"),
