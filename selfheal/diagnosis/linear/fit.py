@@ -23,6 +23,7 @@ DESCENT_ITERATIONS = 12
 SHORTEST_STEP = 0.05
 LEAST_GAIN = 0.1  # [nats] of an iteration; below any that counts
 INVERSE_RIDGE = 1e-9
+FELT_SHARE = 1e-6  # of the errors; what a parameter changes less is rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +125,12 @@ class LinearFit:
         e = (self.whitening.weights * self.whitening.errors).ravel()
         h, g = self.prior_model
         return h + j @ j.T, g + j @ e
+
+    def count_felt(self, i: int) -> int:
+        """How many parameters of the i-th term change the errors."""
+        a = self.slices[i]
+        sizes = np.linalg.norm(self.jacobian.values[a], axis=1) * self.terms[i].scale
+        return int((sizes > FELT_SHARE * np.linalg.norm(self.errors.values)).sum())
 
     def at(self, values: Floats, terms: Sequence[Term] | None = None) -> "LinearFit":
         """The fit at other values (P + K), perhaps of other terms."""

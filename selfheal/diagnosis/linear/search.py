@@ -25,9 +25,9 @@ from .likelihood import estimate_independence
 from .ranking import Move, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
-TRIED = 5  # moves that are fitted in vain, or beyond the best one
-NEAR_SHARE = 0.5  # of the largest gain that is predicted: by the curvature of none
-FINALISTS = 30  # candidates that are tried in all rows, and the usual ones
+TRIED = 5  # moves that are fitted beyond the best one
+NEAR_SHARE = 0.5  # of the best gain, beyond its penalty, by which another is predicted
+FINALISTS = 30  # candidates that are tried in all rows, and moves fitted in vain
 MOST_EFFECTS = 60
 RESAMPLES = 200
 
@@ -53,11 +53,11 @@ class Search:
         """What is searched.
 
         Args:
-            start: fit to begin with.
+            start: fit to begin with, from where values are fitted first.
             candidates: terms that may be added.
             progress: called with a message and a share (0 to 1).
         """
-        self.candidates, self.say, self.fit = candidates, progress, start
+        self.candidates, self.say, self.fit = candidates, progress, refine(start)
         self.path: list[LinearFit] = []
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
@@ -120,11 +120,11 @@ class Search:
         if not others:
             return
         less = remove_terms(fit, [fit.terms.index(term)])
-        best = share * fit.cost + self._penalty(term, rows)
+        best = share * fit.cost + self._price(fit, fit.terms.index(term), rows)
         moves = [(d,) for d in _differentiate(less, others)]
         for _, move, coordinates in rank(less, moves)[:TRIED]:
             new = add_terms(less, move, coordinates)
-            cost = share * new.cost + self._penalty(move[0].term, rows)
+            cost = share * new.cost + self._price(new, len(new.terms) - 1, rows)
             is_small = move[0].term.is_negligible(new.named_values[-1])
             if cost < best and not is_small:
                 self.fit, best = new, cost
@@ -181,18 +181,28 @@ class Search:
         stability = (gains[draws].sum(axis=1) > 0).mean()
         return nats / rows, float(min(1.0, p_value)), float(stability)
 
-    def _penalty(self, term: Term, rows: float) -> float:
+    def _penalty(self, term: Term, rows: float, count: int | None = None) -> float:
         """[nats] by which a term has to lower the cost.
 
         One of so many candidates (Bonferroni), a log n / 2 for each parameter (Schwarz
         1978), and what it makes it less likely that it is rare, or not usual.
+
+        Args:
+            term: to be added, or to stay.
+            rows: how many independent errors there are.
+            count: of its parameters that change anything; None: all.
         """
         rank = term.effect.rarity + (0.0 if term.effect.is_usual(term) else 0.5)
+        count = len(term.parameters) if count is None else count
         return float(
             np.log(len(self.candidates))
-            + 0.5 * len(term.parameters) * np.log(rows)
+            + 0.5 * count * np.log(rows)
             + RARITY_NATS * rank
         )
+
+    def _price(self, fit: LinearFit, i: int, rows: float) -> float:
+        """Penalty [nats] of the i-th term of a fit; a wind along a hinge is none."""
+        return self._penalty(fit.terms[i], rows, fit.count_felt(i))
 
     def _independence(self, fit: LinearFit | None = None) -> tuple[float, float]:
         """Share of independent errors of a fit, and their number; None: of the best.
@@ -243,10 +253,10 @@ class Search:
                 f"trying {move[0].term.label}, which explains {gain:.0f} nats", 0.0
             )
         earned: list[tuple[float, float, float, LinearFit]] = []
-        best, worse = 0.0, 0
-        likely = NEAR_SHARE * max(most.values(), default=0.0)
+        best, worse, failed = 0.0, 0, 0
         for _, move, coordinates in ranked:
-            if most[id(move)] < min(best, likely) or worse == TRIED:
+            is_far = most[id(move)] < NEAR_SHARE * best
+            if is_far or worse == TRIED or failed == FINALISTS:
                 break
             tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
@@ -260,7 +270,7 @@ class Search:
             net = share * gain - price
             if is_small or net < 0 or compute_gains(fit, tried).sum() < 0:
                 self._excluded.add(name_move(move))
-                worse += 1
+                failed += 1
                 continue
             earned.append((gain, price, share, tried))
             worse += net <= best
@@ -273,9 +283,11 @@ class Search:
     def _compare(self, tried: LinearFit) -> tuple[float, float, float]:
         """What a fit gains [nats], by how much it has to, and its share of rows."""
         share, rows = self._independence(tried)
-        price = sum(self._penalty(t, rows) for t in tried.named)
-        price -= sum(self._penalty(t, rows) for t in self.fit.named)
-        return self.fit.cost - tried.cost, price, share
+        price, before = (
+            sum(self._price(f, i, rows) for i in range(f.stated, len(f.terms)))
+            for f in (tried, self.fit)
+        )
+        return self.fit.cost - tried.cost, price - before, share
 
     def _sum_penalties(self, move: Move, rows: float) -> float:
         """[nats] by which a move has to lower the cost."""
@@ -330,14 +342,14 @@ class Search:
         while len(removed) < len(offsets):
             costs = {i: cost_without(i) for i in offsets if i not in removed}
             nets = {
-                i: share * (c - spent) - self._penalty(fit.terms[i], rows)
+                i: share * (c - spent) - self._price(fit, i, rows)
                 for i, c in costs.items()
             }
             i = min(nets, key=lambda k: nets[k])
             if nets[i] >= 0:
                 break
             spent = costs[i]
-            total += self._penalty(fit.terms[i], rows) / share
+            total += self._price(fit, i, rows) / share
             removed.append(i)
             least.append(total)
         return removed, least
