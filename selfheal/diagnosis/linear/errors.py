@@ -49,6 +49,11 @@ class ErrorModel(ABC):
         """Of a derivative by a parameter [scales]."""
 
     @property
+    def is_rough(self) -> bool:
+        """Whether another Jacobian tells no more, as impacts make errors jump."""
+        return False
+
+    @property
     @abstractmethod
     def rows(self) -> int:
         """R, in order of time."""

@@ -57,7 +57,8 @@ class Search:
             candidates: terms that may be added.
             progress: called with a message and a share (0 to 1).
         """
-        self.candidates, self.say, self.fit = candidates, progress, refine(start)
+        self.candidates, self.say = candidates, progress
+        self.fit = start if start.model.is_rough else refine(start)
         self.path: list[LinearFit] = []
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
@@ -254,13 +255,16 @@ class Search:
             )
         earned: list[tuple[float, float, float, LinearFit]] = []
         best, worse, failed = 0.0, 0, 0
+        is_rough = fit.model.is_rough
+        most_failed = TRIED if is_rough else FINALISTS
         for _, move, coordinates in ranked:
             is_far = most[id(move)] < NEAR_SHARE * best
-            if is_far or worse == TRIED or failed == FINALISTS:
+            if is_far or worse == TRIED or failed == most_failed:
                 break
             tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
-            if share * gain > price:  # a Jacobian held too long misleads
+            # a Jacobian held too long misleads, or leads nowhere
+            if not is_rough and (share * gain > price or failed < TRIED):
                 tried = self._eliminate(descend(tried.linearized()))
                 gain, price, share = self._compare(tried)
             is_small = all(

@@ -38,6 +38,11 @@ class SegmentErrors(ErrorModel):
         return self.problem.regime.difference_step
 
     @property
+    def is_rough(self) -> bool:
+        """Whether things touch."""
+        return self.problem.regime.has_rough_cost
+
+    @property
     def rows(self) -> int:
         """How many samples."""
         return len(self.problem.segments.readings)
