@@ -20,10 +20,15 @@ BOUND_MARGIN = 1e-6  # scales from a bound within which a value is at it
 Move = tuple[Direction, ...]
 
 
-def name_move(move: Move) -> str:
-    """What tells a move from others, whatever its initial values."""
+def name_move(move: Move, *, as_label: bool = False) -> str:
+    """What tells a move from others, whatever its initial values.
+
+    Args:
+        move: one or more directions.
+        as_label: whether for a reader.
+    """
     if len(move) == 1:
-        return str(move[0].term.key)
+        return move[0].term.label if as_label else str(move[0].term.key)
     effects = dict.fromkeys(d.term.effect.name for d in move)
     return f"{', '.join(effects)} at {len(move)} places"
 

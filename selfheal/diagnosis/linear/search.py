@@ -248,11 +248,6 @@ class Search:
             self.first_ranking = tuple((t, np.exp(-2 * g / size)) for t, g in singles)
         most = {id(m): gain - self._sum_penalties(m, size) for gain, m, _ in ranked}
         ranked.sort(key=lambda each: -most[id(each[1])])
-        if ranked:
-            gain, move, _ = ranked[0]
-            self.say(
-                f"trying {move[0].term.label}, which explains {gain:.0f} nats", 0.0
-            )
         earned: list[tuple[float, float, float, LinearFit]] = []
         best, worse, failed = 0.0, 0, 0
         is_rough = fit.model.is_rough
@@ -261,6 +256,7 @@ class Search:
             is_far = most[id(move)] < NEAR_SHARE * best
             if is_far or worse == TRIED or failed == most_failed:
                 break
+            self.say(f"trying {name_move(move, as_label=True)}", 0.0)
             tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
             # a Jacobian held too long misleads, or leads nowhere
