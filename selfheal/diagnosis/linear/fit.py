@@ -8,6 +8,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.terms import find_restated
 from ..estimation.quadratic_model import (
     prior_precision,
     solve_bounded_step,
@@ -125,6 +126,28 @@ class LinearFit:
         e = (self.whitening.weights * self.whitening.errors).ravel()
         h, g = self.prior_model
         return h + j @ j.T, g + j @ e
+
+    def restored(self, removed: Sequence[int]) -> "LinearFit":
+        """The fit in which stated values answer that some terms stated anew.
+
+        With y = nominal x, a column of the factor x is nominal times that of y
+        (`estimation.fit.Fit.restore`).
+
+        Args:
+            removed: numbers of these terms.
+        """
+        jacobian = Errors(self.jacobian.values.copy(), self.jacobian.volume.copy())
+        slices, values = self.slices, self.values.copy()
+        low, high, _ = self.bounds
+        for i in removed:
+            term = self.terms[i]
+            for k, stated in find_restated(term, self.terms).items():
+                own, at = slices[i].start + k, slices[stated].start
+                nominal = term.parameters[k].nominal
+                jacobian.values[at] = nominal * jacobian.values[own]
+                jacobian.volume[at] = nominal * jacobian.volume[own]
+                values[at] = np.clip(self.values[own] / nominal, low[at], high[at])
+        return replace(self, jacobian=jacobian, values=values)
 
     def count_felt(self, i: int) -> int:
         """How many parameters of the i-th term change the errors."""
@@ -319,7 +342,7 @@ def _find_touched(terms: Sequence[Term], count: int) -> list[int]:
 
 def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
     """The fit without some terms, by their numbers, descended from where it was."""
-    keep = np.ones(len(fit.values), bool)
+    fit, keep = fit.restored(removed), np.ones(len(fit.values), bool)
     for i in removed:
         keep[fit.slices[i]] = False
     terms = tuple(t for i, t in enumerate(fit.terms) if i not in removed)

@@ -322,7 +322,8 @@ class Search:
         To first order, all others refitted; the most needless first.
         """
         share, rows = self._independence(fit)
-        inverse = invert(fit.quadratic_model[0])
+        named = range(fit.stated, len(fit.terms))
+        inverse = invert(fit.restored(named).quadratic_model[0])
         offsets = {}
         for i, t in list(enumerate(fit.terms))[fit.stated :]:
             nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
