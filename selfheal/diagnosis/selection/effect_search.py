@@ -27,6 +27,8 @@ from .search_state import (
     reweight_and_fit,
     reweight_repeatedly,
 )
+from .settings import SELECTION
+from .subsampling import mean_seconds
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
 
@@ -123,9 +125,13 @@ def _keep_ranking(state: SearchState, search: Search) -> SearchState:
 def _balance_torques(
     state: SearchState, rng: np.random.Generator, record: SearchRecord
 ) -> LinearFit | None:
-    """The model as given in the balance of torques; None where it cannot be had."""
+    """The model as given in the balance of torques; None where it cannot be had.
+
+    Or where short segments are explained: what builds up slowly no window shows.
+    """
     simulator = state.problem.simulator
-    if not is_measured(simulator):
+    is_slow = mean_seconds(state.problem) >= SELECTION.long_segment
+    if is_slow or not is_measured(simulator):
         return None
     record("measuring accelerations", 0.0)
     motion = measure_motion(simulator.native, rng)
