@@ -60,6 +60,25 @@ def find_restated(term: Term, terms: Sequence[Term]) -> dict[int, int]:
     return {k: i for k, i in restated.items() if i is not None}
 
 
+def list_restated_columns(
+    terms: Sequence[Term],
+) -> dict[Term, list[tuple[int, int, float]]]:
+    """Columns of parameters that state something anew, of the terms that do.
+
+    Args:
+        terms: all of them, whose parameters are columns in this order.
+
+    Returns:
+        Of each such parameter its own column, the stated value's, and what is stated.
+    """
+    first = np.cumsum([0, *(len(t.parameters) for t in terms)]).tolist()
+    return {
+        t: [(first[n] + k, first[i], t.parameters[k].nominal) for k, i in restated]
+        for n, t in enumerate(terms)
+        if (restated := find_restated(t, terms).items())
+    }
+
+
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
     """Values (n, P) in which those that round readings are nominal."""
     each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_restated
+from ..effects.terms import list_restated_columns
 from ..simulation.model_variants import split_values
 from .problem import Problem
 from .quadratic_model import prior_precision
@@ -91,17 +91,8 @@ class Fit:
 
     @cached_property
     def restated_columns(self) -> dict[Term, list[tuple[int, int, float]]]:
-        """What terms state anew: own column, that of the stated value, and the value.
-
-        Only of terms that state something anew.
-        """
-        widths = [len(t.parameters) for t in self.terms]
-        first = np.cumsum([0, *widths]).tolist()
-        return {
-            t: [(first[n] + k, first[i], t.parameters[k].nominal) for k, i in restated]
-            for n, t in enumerate(self.terms)
-            if (restated := find_restated(t, self.terms).items())
-        }
+        """As `list_restated_columns` has them."""
+        return list_restated_columns(self.terms)
 
     def restore(self, removed: Sequence[Term]) -> "Fit":
         """The fit in which stated values answer that some terms stated anew.

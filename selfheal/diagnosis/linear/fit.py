@@ -8,7 +8,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_restated
+from ..effects.terms import list_restated_columns
 from ..estimation.quadratic_model import (
     prior_precision,
     solve_bounded_step,
@@ -136,17 +136,16 @@ class LinearFit:
         Args:
             removed: numbers of these terms.
         """
+        known = list_restated_columns(self.terms)
+        restated = [each for i in removed for each in known.get(self.terms[i], ())]
+        if not restated:
+            return self
         jacobian = Errors(self.jacobian.values.copy(), self.jacobian.volume.copy())
-        slices, values = self.slices, self.values.copy()
-        low, high, _ = self.bounds
-        for i in removed:
-            term = self.terms[i]
-            for k, stated in find_restated(term, self.terms).items():
-                own, at = slices[i].start + k, slices[stated].start
-                nominal = term.parameters[k].nominal
-                jacobian.values[at] = nominal * jacobian.values[own]
-                jacobian.volume[at] = nominal * jacobian.volume[own]
-                values[at] = np.clip(self.values[own] / nominal, low[at], high[at])
+        values, (low, high, _) = self.values.copy(), self.bounds
+        for own, at, nominal in restated:
+            jacobian.values[at] = nominal * jacobian.values[own]
+            jacobian.volume[at] = nominal * jacobian.volume[own]
+            values[at] = np.clip(self.values[own] / nominal, low[at], high[at])
         return replace(self, jacobian=jacobian, values=values)
 
     def count_felt(self, i: int) -> int:

@@ -130,7 +130,9 @@ class Search:
             if cost < best and not is_small:
                 self.fit, best = new, cost
 
-    def find_rivals(self, fit: LinearFit, term: Term) -> tuple[Term, ...]:
+    def find_rivals(
+        self, fit: LinearFit, less: LinearFit, term: Term
+    ) -> tuple[Term, ...]:
         """Candidates that explain as much in a term's place, the likeliest first.
 
         Those whose gain is less by no more than what a parameter more would have to
@@ -138,10 +140,10 @@ class Search:
 
         Args:
             fit: of the path.
+            less: without the term.
             term: with a name in it.
         """
         share, rows = self._independence(fit)
-        less = remove_terms(fit, [fit.terms.index(term)])
         least = less.cost - fit.cost - 0.5 * np.log(rows) / share
         moves = [(d,) for d in self._directions if is_distinct(d.term, less.named)]
         ranked = rank(less, [m for m in moves if m[0].term.key != term.key])
@@ -157,12 +159,13 @@ class Search:
         return tuple(t for _, t in found)
 
     def weigh(
-        self, fit: LinearFit, term: Term, rng: np.random.Generator
+        self, fit: LinearFit, less: LinearFit, term: Term, rng: np.random.Generator
     ) -> tuple[float, float, float]:
         """What speaks for a named term, beside all others.
 
         Args:
             fit: of the path.
+            less: without the term.
             term: with a name in it.
             rng: draws resamples of the blocks.
 
@@ -174,7 +177,6 @@ class Search:
         from scipy.stats import chi2
 
         share, rows = self._independence(fit)
-        less = remove_terms(fit, [fit.terms.index(term)])
         nats = max(share * (less.cost - fit.cost), 0.0)
         p_value = len(self.candidates) * chi2.sf(2 * nats, max(len(term.parameters), 1))
         gains = compute_gains(less, fit)
@@ -329,6 +331,7 @@ class Search:
             nominal = np.clip([p.nominal for p in t.parameters], t.low, t.high)
             if t.key not in needed:
                 offsets[i] = fit.values[fit.slices[i]] - nominal
+        prices = {i: self._price(fit, i, rows) for i in offsets}
         removed: list[int] = []
         least: list[float] = []
         spent = total = 0.0
@@ -342,15 +345,12 @@ class Search:
 
         while len(removed) < len(offsets):
             costs = {i: cost_without(i) for i in offsets if i not in removed}
-            nets = {
-                i: share * (c - spent) - self._price(fit, i, rows)
-                for i, c in costs.items()
-            }
+            nets = {i: share * (c - spent) - prices[i] for i, c in costs.items()}
             i = min(nets, key=lambda k: nets[k])
             if nets[i] >= 0:
                 break
             spent = costs[i]
-            total += self._price(fit, i, rows) / share
+            total += prices[i] / share
             removed.append(i)
             least.append(total)
         return removed, least

@@ -13,7 +13,7 @@ import numpy as np
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
-from ..linear.fit import LinearFit, refine, start_fit
+from ..linear.fit import LinearFit, refine, remove_terms, start_fit
 from ..linear.measurement import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
@@ -192,10 +192,10 @@ def _fit_set(
         record: of what was tried and found.
     """
     for term in linear.named:
-        evidence = Evidence(*search.weigh(linear, term, rng))
-        state = state.with_claim(
-            term, Claim(evidence, search.find_rivals(linear, term))
-        )
+        less = remove_terms(linear, [linear.terms.index(term)])
+        evidence = Evidence(*search.weigh(linear, less, term, rng))
+        rivals = search.find_rivals(linear, less, term)
+        state = state.with_claim(term, Claim(evidence, rivals))
     record(f"fitting {len(linear.named)} effects to simulations", 0.0)
     return _fit_to_simulations(state, linear, longer, record)
 

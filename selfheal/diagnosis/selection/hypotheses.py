@@ -118,9 +118,10 @@ def name_effects(
         rng: draws segments, noise and resamples.
         record: of what was tried and found.
     """
-    steps, has_onset = _count_search_steps(start.nominal_count), False
-    if any(t.onset for t in start.candidates):  # it is where a segment begins
-        longer, has_onset = longer[:1], True
+    steps = _count_search_steps(start.nominal_count)
+    has_onset = any(t.onset for t in start.candidates)
+    if has_onset:  # it is where a segment begins
+        longer = longer[:1]
     longer = [subsample_problem(p, steps, rng) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:

@@ -98,7 +98,7 @@ class SearchState:
         Several names, or a rare one, may stand for others: where nothing touches they
         must leave less than one usual name.
         """
-        if worst_channel_ratio(self.best) > FIT.unexplained_ratio:
+        if self._has_bad_channel:
             return False
         is_doubtful = any(t.effect.rarity for t in self.named) or len(self.named) > 1
         is_strict = is_doubtful and not self.problem.regime.has_rough_cost
@@ -108,8 +108,13 @@ class SearchState:
     @property
     def is_complete(self) -> bool:
         """Whether no residual and no stated value asks for an effect."""
-        has_bad_channel = worst_channel_ratio(self.best) > FIT.unexplained_ratio
-        return self._is_noise and not has_bad_channel and not self._is_prior_violated
+        is_noise = self._is_noise and not self._has_bad_channel
+        return is_noise and not self._is_prior_violated
+
+    @property
+    def _has_bad_channel(self) -> bool:
+        """Whether one scored column is far above its noise, whatever the others are."""
+        return worst_channel_ratio(self.best) > FIT.unexplained_ratio
 
     @property
     def _is_noise(self) -> bool:
