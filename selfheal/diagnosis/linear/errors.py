@@ -147,6 +147,8 @@ class Direction:
     def bounds(self) -> tuple[Floats, Floats]:
         """Bounds (k) of coordinates, each alone, within those of the values."""
         count, term = len(self.steps), self.term
+        if not self.start.size:  # it acts or does not
+            return np.ones(count), np.ones(count)
         if not np.isfinite(self.start).all():
             return np.zeros(count), np.ones(count)
         if self._is_sinusoid:

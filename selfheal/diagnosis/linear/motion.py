@@ -14,12 +14,13 @@ from ..simulation.batch import BatchState
 from ..simulation.initial_states import InitialStates
 from ..simulation.simulator import Simulator
 from .quartics import Quartics, fit_quartics
-from .weak_form import average_derivative
+from .weak_form import average_derivatives
 
 NOISE_WINDOWS = 1000  # of which noise is drawn: its variance is known within 5 %
 ROUNDING_SHARE = 1e-9  # of variances, which keeps their logarithms finite
 CHI_SQUARE_MEDIAN = 0.4549  # of one degree of freedom
 MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
+MAX_READINGS = 16  # of all signals, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
 
@@ -76,6 +77,7 @@ class MeasuredMotion:
     speed_noise: Floats
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
     _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
+    _readings: dict[str, Readings] = field(default_factory=dict)
     _parts: dict[bytes, "MeasuredMotion"] = field(default_factory=dict)
     _doubts: dict[str, Floats] = field(default_factory=dict)
 
@@ -106,6 +108,7 @@ class MeasuredMotion:
                 moments=self.moments.select(used),
                 windows=windows.reshape(len(rows), -1),
                 _known={},
+                _readings={},
                 _parts={},
             )
         return self._parts[key]
@@ -151,6 +154,7 @@ class MeasuredMotion:
             simulator=replace(simulator, episodes=episodes),
             _quartics={},
             _known={},
+            _readings={},
             _parts={},
         )
         ours, theirs = self.read({}), noisy.read({})
@@ -177,7 +181,12 @@ class MeasuredMotion:
         Args:
             changes: by signal, its "gain" [1], "bias" [unit] and "delay" [s].
         """
-        return _read_joints(self, changes)
+        key = repr(changes)  # most hypotheses change readings alike
+        if key not in self._readings:
+            if len(self._readings) >= MAX_READINGS:
+                self._readings.clear()
+            self._readings[key] = _read_joints(self, changes)
+        return self._readings[key]
 
     def differentiate(self, channel: Channel, delay: float) -> tuple[Floats, Floats]:
         """Derivatives (3, W) of a signal some time later, and their variances (W, 3).
@@ -190,18 +199,17 @@ class MeasuredMotion:
             self, channel, delay
         ))  # fmt: skip
 
-    def average_derivative(
-        self, channel: Channel, delay: float, order: int
+    def average_derivatives(
+        self, channel: Channel, delay: float
     ) -> tuple[Floats, Floats]:
-        """Means (R) of a signal's derivative some time later, and their variances (R).
+        """Means (3, R) of a signal's derivatives some time later, and their variances.
 
         Args:
             channel: of the signal.
             delay: by which it is read later [s].
-            order: of the derivative, 0 to 2.
         """
-        return self._recall((order, channel.name, delay), lambda: _average(
-            self, channel, delay, order
+        return self._recall(("windows", channel.name, delay), lambda: _average(
+            self, channel, delay
         ))  # fmt: skip
 
     def _recall(
@@ -240,24 +248,23 @@ def _differentiate(
 
 
 def _average(
-    motion: MeasuredMotion, channel: Channel, delay: float, order: int
+    motion: MeasuredMotion, channel: Channel, delay: float
 ) -> tuple[Floats, Floats]:
-    """As `MeasuredMotion.average_derivative` has it."""
+    """As `MeasuredMotion.average_derivatives` has it."""
     moments, step = motion.moments, motion.simulator.timestep
     ends = moments.first_step[motion.windows[:, [0, -1]]] * step
     centers = ends.mean(axis=1) + delay
     count = MOMENTS_PER_WINDOW
     half = float(np.diff(ends).max(initial=step)) * (count + 1) / (count - 1) / 2
     episodes = moments.episode[motion.windows[:, 0]]
-    mean, variance = np.empty(len(centers)), np.empty(len(centers))
+    mean, variance = np.empty((3, len(centers))), np.empty((3, len(centers)))
     for i in np.unique(episodes):
         rows, episode = np.flatnonzero(episodes == i), motion.simulator.episodes[i]
-        mean[rows], variance[rows] = average_derivative(
+        mean[:, rows], variance[:, rows] = average_derivatives(
             episode.sample_steps * step,
             episode.readings[:, channel.first_column],
             centers[rows],
             half,
-            order,
         )
     return mean, variance * float(channel.noise[0]) ** 2
 
@@ -282,12 +289,12 @@ def _read_joints(
         change = changes.get(position.name, {})
         (q, v, a), variance = _undo(motion, position, change)
         gain[:, k] = scale = change.get("gain", 1.0)
-        mean, spread = _average_all(motion, position, change, (0, 1, 2))
+        mean, spread = _undo_means(motion, position, change)
         if velocity := signals.get(("joint_velocity", name)):
             change = changes.get(velocity.name, {})
             (speed, slope, _), other = _undo(motion, velocity, change)
             own = change.get("gain", 1.0)
-            (fast, turn), faith = _average_all(motion, velocity, change, (0, 1))
+            (fast, turn, _), faith = _undo_means(motion, velocity, change)
             # beside the noise of both, of which the velocity's alone is as it is read
             size = (faith[0] + spread[1]) / (faith[0] + (own / scale) ** 2 * spread[1])
             mismatch.append(own * (fast - mean[1]) * np.sqrt(size))
@@ -297,7 +304,7 @@ def _read_joints(
                 (fast - mean[1], spread[1] + faith[0]),
                 (turn - mean[2], spread[2] + faith[1]),
             ))  # fmt: skip
-            other, faith = other[:, :2] + doubt[:2], faith + doubt[2:, None]
+            other, faith = other[:, :2] + doubt[:2], faith[:2] + doubt[2:, None]
             v = _combine(v, variance[:, 1], speed, other[:, 0])
             a = _combine(a, variance[:, 2], slope, other[:, 1])
             mean[1] = _combine(mean[1], spread[1], fast, faith[0])
@@ -333,26 +340,13 @@ def _measure_doubt(*each: tuple[Floats, Floats]) -> Floats:
     return np.maximum(found, 0.0)
 
 
-def _average_all(
-    motion: MeasuredMotion,
-    channel: Channel,
-    change: Mapping[str, float],
-    orders: Sequence[int],
+def _undo_means(
+    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float]
 ) -> tuple[Floats, Floats]:
-    """Means (k, R) of derivatives of what a signal was of, and their variances (k, R).
-
-    Args:
-        motion: as measured.
-        channel: of the signal.
-        change: its "gain", "bias" and "delay".
-        orders: of the derivatives.
-    """
-    delay, bias = change.get("delay", 0.0), np.ravel(change.get("bias", 0.0))[0]
-    each = [motion.average_derivative(channel, delay, order) for order in orders]
-    means = np.stack(
-        [m - (bias if n == 0 else 0.0) for n, (m, _) in zip(orders, each, strict=True)]
-    )
-    return means / change.get("gain", 1.0), np.stack([v for _, v in each])
+    """Means (3, R) of derivatives of what a signal was of, and their variances."""
+    found, variance = motion.average_derivatives(channel, change.get("delay", 0.0))
+    bias = np.array([np.ravel(change.get("bias", 0.0))[0], 0.0, 0.0])
+    return (found - bias[:, None]) / change.get("gain", 1.0), variance
 
 
 def _undo(

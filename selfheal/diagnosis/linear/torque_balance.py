@@ -291,14 +291,8 @@ def _split(
         np.zeros((len(values), 0)),
         *(v for v, reads in zip(each, is_reading, strict=True) if not reads),
     ])  # fmt: skip
-    read: dict[str, Readings] = {}  # most hypotheses change readings alike
-    found = []
-    for change in _list_changes(motion, terms, each, len(values)):
-        key = repr(change)
-        if key not in read:
-            read[key] = motion.read({**shift, **change})
-        found.append(read[key])
-    return acting, acts, found
+    changes = _list_changes(motion, terms, each, len(values))
+    return acting, acts, [motion.read({**shift, **change}) for change in changes]
 
 
 def _only_reads(term: Term) -> bool:

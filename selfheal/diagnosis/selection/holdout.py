@@ -40,7 +40,7 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
     if len(hypotheses) == 1:
         return hypotheses[0]
     largest = max(hypotheses, key=lambda h: len(h.named))
-    judge = Judge.build(dataset, largest.final)
+    judge = Judge.build(dataset.held_out, largest.final)
     errors = [judge.log_errors(h.final) for h in hypotheses]
     means = [np.mean([e.mean() for e in each]) for each in errors]
     order = sorted(zip(hypotheses, errors, means, strict=True), key=lambda x: x[2])
@@ -64,7 +64,7 @@ def keep_predictive(
     """
     if refined.problem.segments is searched.problem.segments:
         return refined
-    judge = Judge.build(dataset, refined.final)
+    judge = Judge.build(dataset.held_out, refined.final)
     new, old = (judge.log_errors(h.final) for h in (refined, searched))
     return searched if compare(old, new).mean() > 0 else refined
 
@@ -72,17 +72,20 @@ def keep_predictive(
 def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis without stated values at bounds, if it predicts no worse.
 
+    Neither held-out episodes nor those fitted: few of the former tell little.
+
     Args:
-        dataset: with the held-out episodes.
+        dataset: with all episodes.
         hypothesis: after its last fit.
     """
     fit = hypothesis.final
     released = release_bounds(fit)
     if released is fit:
         return hypothesis
-    judge = Judge.build(dataset, fit)
-    if is_outdone(judge.log_errors(released), judge.log_errors(fit)):
-        return hypothesis
+    for simulator in (dataset.held_out, dataset.training):
+        judge = Judge.build(simulator, fit)
+        if is_outdone(judge.log_errors(released), judge.log_errors(fit)):
+            return hypothesis
     nominal = hypothesis.nominal if hypothesis.named else released
     return replace(hypothesis, final=released, nominal=nominal)
 
@@ -94,7 +97,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     takes its place, if it helps.
     """
     refuted: list[str] = []
-    judge = Judge.build(dataset, hypothesis.final)
+    judge = Judge.build(dataset.held_out, hypothesis.final)
     while harmful := _find_harmful(hypothesis, judge):
         name, less = harmful
         refuted.append(name.term.label)
@@ -111,10 +114,11 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
 def _find_harmful(
     hypothesis: Hypothesis, judge: Judge
 ) -> tuple[NamedEffect, Fit] | None:
-    """A name that fitted episodes do not tell, or the one that harms most.
+    """A name that no episodes tell, or the one that harms most.
 
     That is the one without which held-out episodes are predicted best: clearly better,
-    and by more nats of a segment than fitted ones are worse.
+    and by more nats of a segment than fitted ones are worse. A name whose values fitted
+    episodes do not tell stays where held-out ones are predicted clearly worse without.
 
     Args:
         hypothesis: with names.
@@ -134,9 +138,9 @@ def _find_harmful(
         if is_told and not is_clearly_better(judge.log_errors(less), errors):
             continue
         less = fit_parameters(less.problem, less.terms, less.values, iterations=6)
-        if not is_told:
-            return name, less
         without = judge.log_errors(less)
+        if not is_told and not is_outdone(without, errors):
+            return name, less
         gained = 0.5 * np.log(max(less.cost, FIT.tiny) / max(fit.cost, FIT.tiny))
         lost = np.mean([(a - b).mean() for a, b in zip(errors, without, strict=True)])
         lead = float(compare(without, errors).mean())

@@ -1,4 +1,4 @@
-"""The judge of fits: takes two, gives which predicts held-out episodes better.
+"""The judge of fits: takes two, gives which predicts episodes better.
 
 By the log predictive density of segments of several lengths, paired. A segment counts
 by the logarithm of its error, so that a blow in one of them does not decide.
@@ -19,7 +19,6 @@ from ..estimation.settings import FIT
 from ..simulation.dataset import (
     LONG_SEGMENTS,
     SHORT_SEGMENT,
-    Dataset,
     cut_readable_segments,
 )
 from ..simulation.score import log_errors
@@ -32,10 +31,10 @@ MOST_NATS = 10.0  # of a segment, beyond any that a prediction may be better by
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Segments of held-out episodes, of several lengths, to be replayed in.
+    """Segments of several lengths, most often of held-out episodes, to be replayed in.
 
     Attributes:
-        simulator: of the held-out episodes.
+        simulator: of the episodes.
         horizons: as long as these inform: the longer ones show what builds up slowly.
     """
 
@@ -43,9 +42,9 @@ class Judge:
     horizons: tuple[Segments, ...]
 
     @classmethod
-    def build(cls, dataset: Dataset, fit: Fit) -> "Judge":
-        """The segments over which a fit can predict the robot."""
-        sigma, simulator = downweight_unscored(fit), dataset.held_out
+    def build(cls, simulator: Simulator, fit: Fit) -> "Judge":
+        """The segments of these episodes over which a fit can predict the robot."""
+        sigma = downweight_unscored(fit)
         problems = (
             Problem(simulator, cut_readable_segments(simulator, seconds), sigma)
             for seconds in (SHORT_SEGMENT, *LONG_SEGMENTS)

@@ -89,7 +89,7 @@ class HeldOutScores:
         whole = refits.setdefault("patched", refits["refit"])
         errors = standard_errors(fits.get("patched", fits["refit"]))
         refits["patched"] = restored = restore_stated(whole, errors)
-        judge = Judge.build(dataset, fits.get("patched", fits["refit"]))
+        judge = Judge.build(dataset.held_out, fits.get("patched", fits["refit"]))
         before, after = (judge.log_native_errors(x.fit) for x in (whole, restored))
         if is_outdone(after, before):
             refits["patched"] = whole

@@ -85,7 +85,7 @@ def _find_free_form(dataset: Dataset, fit: Fit) -> float:
 
     Of those that predict held-out episodes clearly better.
     """
-    base, judge = LinearizedFit.from_fit(fit), Judge.build(dataset, fit)
+    base, judge = LinearizedFit.from_fit(fit), Judge.build(dataset.held_out, fit)
     errors, share = judge.log_errors(fit), 0.0
     for term in _choose_likeliest(base, FreeFormTorque().propose_terms(dataset.robot)):
         absent = np.array([p.nominal for p in term.parameters], float)

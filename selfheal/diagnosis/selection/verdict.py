@@ -116,7 +116,7 @@ def explains_too_little(structure: RemainingStructure) -> bool:
 def is_outdone_by_refit(dataset: Dataset, scores: HeldOutScores) -> bool:
     """Whether what the model states, re-fitted, predicts clearly better alone."""
     refit, patched = scores.refits["refit"], scores.refits["patched"]
-    judge = Judge.build(dataset, patched)
+    judge = Judge.build(dataset.held_out, patched)
     alone, named = (judge.log_native_errors(fit) for fit in (refit, patched))
     return is_outdone(named, alone)
 
