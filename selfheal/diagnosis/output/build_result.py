@@ -18,6 +18,7 @@ from ..effects.base import Term
 from ..effects.nominal import is_unidentified
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
+from ..estimation.information import Information
 from ..estimation.least_squares import refine_jacobian
 from ..selection.hypotheses import Hypothesis
 from ..selection.replay_scores import HeldOutScores, explainable_removed
@@ -66,9 +67,11 @@ def build_diagnosis(
     """
     patched = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
-    errors = standard_errors(refine_jacobian(hypothesis.final))
+    fit = refine_jacobian(hypothesis.final)
+    errors, information = standard_errors(fit), Information.build(fit)
     refit = doc.build_refit(patched, proof.unrestored.values, errors)
-    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit)
+    together = doc.build_unidentified(information)
+    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, together)
     text, diff, edits, unpatched = patch_or_nominal(
         dataset, patched.terms, patched.values
     )
@@ -78,6 +81,7 @@ def build_diagnosis(
         "verdict": verdict,
         "findings": doc.build_findings(hypothesis, errors, where),
         "refit": refit,
+        "unidentified": together,
         "fit": _build_fit(dataset, proof),
     }
     if unpatched:
@@ -97,6 +101,7 @@ def build_diagnosis(
         time.monotonic() - begun,
         int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
+        information=information,
     )
 
 
@@ -298,6 +303,7 @@ def _write_remarks(
     structure: RemainingStructure,
     refuted: Sequence[str],
     refit: Sequence[Mapping[str, Any]],
+    together: Sequence[Mapping[str, Any]],
 ) -> tuple[str, ...]:
     """Sentences that a reader should know before believing the rest.
 
@@ -307,6 +313,7 @@ def _write_remarks(
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         refit: entries of diagnosis.json's "refit".
+        together: entries of its "unidentified".
     """
     found = [
         f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
@@ -331,13 +338,20 @@ def _write_remarks(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
+    found += [
+        f"These data tell {_list_some(e['together'])} only together: {e['words']} is "
+        f"fixed by {e['fixed_by']}."
+        for e in together
+    ]
+    grouped = {name for e in together for name in e["together"]}
     unknown = [e["parameter"] for e in refit if is_unidentified(e)]
-    if unknown:
-        more = (
-            f" and {len(unknown) - MAX_LISTED_NAMES} more"
-            if len(unknown) > MAX_LISTED_NAMES
-            else ""
-        )
-        shown = ", ".join(unknown[:MAX_LISTED_NAMES])
-        found.append(f"Not pinned down by these data: {shown}{more}.")
+    if unknown := [name for name in unknown if name not in grouped]:
+        found.append(f"Not pinned down by these data: {_list_some(unknown)}.")
     return tuple(found)
+
+
+def _list_some(names: Sequence[str]) -> str:
+    """The first few of some names, and how many more there are."""
+    more = len(names) - MAX_LISTED_NAMES
+    shown = ", ".join(names[:MAX_LISTED_NAMES])
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -8,13 +8,17 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.nominal import MOMENTS, SIDES
 from ..estimation.covariance import confidence_interval
 from ..estimation.fit import Fit
+from ..estimation.information import Information
 from ..estimation.settings import FIT
 from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values
 
 MAX_EQUIVALENTS = 3  # that a finding lists; chosen
+INERTIAL = {"mass", "inertia", "armature", *MOMENTS}
+LENGTHS = {"length", *SIDES}
 
 
 def build_findings(
@@ -133,6 +137,25 @@ def build_refit(
         out.append({"parameter": term.targets[0], "given": given,
                     "value": given * factor[0], "low": low, "high": high,
                     "unit": term.finding_fields["unit"]})  # fmt: skip
+    return out
+
+
+def build_unidentified(information: Information) -> list[dict[str, Any]]:
+    """One entry for each group of values that the recordings tell only together."""
+    out = []
+    for group in information.find_confounded():
+        fields = {name.rpartition("/")[2] for name in group}
+        if fields & INERTIAL and fields - INERTIAL - LENGTHS:
+            words = "the common scale of torques and masses"
+        elif fields & INERTIAL and fields & LENGTHS:
+            words = "masses against lengths"
+        else:
+            words = "what these values do together"
+        out.append({
+            "together": list(group),
+            "words": words,
+            "fixed_by": "what the model states of them",
+        })  # fmt: skip
     return out
 
 

@@ -12,6 +12,7 @@ from ...mjcf.edit import Edit, apply_edits
 from ...printable import join_names
 from ...recording import Recording, open_recording
 from ...recording.data import Floats
+from ..estimation.information import Information
 from .storage import check_folder, write_diagnosis
 
 
@@ -116,6 +117,7 @@ class Diagnosis:
         simulations: how many segments were simulated.
         page: text of report.html; empty where none was drawn.
         more_than_noise: whether the findings leave more than noise in short segments.
+        information: what the recordings tell of the values, as of the last fit.
     """
 
     model: str
@@ -132,6 +134,7 @@ class Diagnosis:
     simulations: int
     page: str = ""
     more_than_noise: bool = False
+    information: Information | None = None
 
     def with_stop(self, stage: str, count: int, untried: Sequence[str]) -> "Diagnosis":
         """The result of a search that was stopped before its end.
@@ -156,7 +159,7 @@ class Diagnosis:
         )
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write diagnosis.json, patched.xml and .diff, and report.html, all or nothing.
+        """Write the files of a diagnosis (`storage.FILES`), all or nothing.
 
         Args:
             folder: made where it is missing; meshes and textures still lead from it to
@@ -174,7 +177,9 @@ class Diagnosis:
                 f"{given} is no longer the model that was diagnosed; diagnose it again"
             )
         patched = apply_edits(given, self.edits, folder)
-        write_diagnosis(folder, self.document, patched, self.diff, self.page)
+        write_diagnosis(
+            folder, self.document, patched, self.diff, self.page, self.information
+        )
 
     def simulate(
         self,

@@ -5,18 +5,29 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
+
+import h5py
+import numpy as np
 
 from ...errors import InputError
 from ...files import check_writable, lock_file, make_write_error
 from ...mjcf.xml_text import encode_text
 from ...schema import load_json
+from ..estimation.information import Information
 from .document import format_document
 from .schema import check_entries
 
-FILES = ("diagnosis.json", "patched.xml", "patched.diff", "report.html")
+FILES = (
+    "diagnosis.json",
+    "patched.xml",
+    "patched.diff",
+    "report.html",
+    "information.h5",
+)
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -103,7 +114,12 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def write_diagnosis(
-    folder: Path, document: Mapping[str, Any], patched: str, diff: str, page: str
+    folder: Path,
+    document: Mapping[str, Any],
+    patched: str,
+    diff: str,
+    page: str,
+    information: Information | None,
 ) -> None:
     """Write the files of a diagnosis, all or nothing.
 
@@ -113,6 +129,7 @@ def write_diagnosis(
         patched: text of patched.xml, whose paths lead from the folder.
         diff: patched.diff, from the given model to the patched one beside it.
         page: report.html.
+        information: information.h5; None: there is none.
 
     Raises:
         SelfhealError: the disk is full.
@@ -124,6 +141,8 @@ def write_diagnosis(
         (new / "patched.xml").write_bytes(encode_text(patched))
         (new / "patched.diff").write_bytes(encode_text(diff))
         (new / "report.html").write_text(page, encoding="utf-8")
+        if information:
+            _write_information(new / "information.h5", information)
         _replace_folder(new, folder)
     except OSError as error:
         raise make_write_error(folder, error) from error
@@ -131,11 +150,20 @@ def write_diagnosis(
         shutil.rmtree(new, ignore_errors=True)
 
 
+def _write_information(path: Path, information: Information) -> None:
+    """Write Gram matrices by block, and what they are of, as HDF5."""
+    with h5py.File(path, "w") as file:
+        file.attrs["format"], file.attrs["version"] = "selfheal-information", 1
+        for name, value in asdict(information).items():
+            is_names = name == "parameters"
+            file[name] = np.array(value, h5py.string_dtype()) if is_names else value
+
+
 def _replace_folder(new: Path, folder: Path) -> None:
     """Put a new folder in the place of one that may be there."""
     if folder == Path.cwd():  # a shell in it would be left in a deleted folder
-        for name in FILES:
-            os.replace(new / name, folder / name)
+        for path in new.iterdir():
+            os.replace(path, folder / path.name)
         return
     old = new.with_suffix(".old")
     if folder.exists():

@@ -4,9 +4,11 @@ import errno
 import os
 from contextlib import suppress
 
+import h5py
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.estimation.information import Information
 from selfheal.diagnosis.output import storage
 from selfheal.diagnosis.output.result import Diagnosis, Localization
 from selfheal.errors import InputError, RunLockError, SelfhealError
@@ -23,6 +25,12 @@ def given(tmp_path_factory):
     return path
 
 
+KNOWN = Information(
+    ("joint:hip/damping",), np.ones(1), np.full(1, 44.0), np.full((2, 1, 1), 9.0),
+    np.zeros((2, 1)), 1.0,
+)  # fmt: skip
+
+
 def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
     document = {
         "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
@@ -31,7 +39,7 @@ def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
     located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
     return Diagnosis(
         str(given), document, (), given.read_text(), "", (), located, (), (), (), 1.0,
-        2, page,
+        2, page, information=KNOWN,
     )  # fmt: skip
 
 
@@ -57,6 +65,13 @@ def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
     assert storage.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
         "out"
     ]
+
+
+def test_gram_matrices_are_read_back(given, tmp_path):
+    _diagnosis(given).save(tmp_path / "out")
+    with h5py.File(tmp_path / "out" / "information.h5") as file:
+        assert file["parameters"].asstr()[:].tolist() == list(KNOWN.parameters)
+        assert (file["gram"][:] == KNOWN.gram).all()
 
 
 def test_an_empty_folder_is_taken(given, tmp_path):

@@ -1,0 +1,99 @@
+"""What recordings tell of parameters: takes a fit, gives Gram matrices of its slopes.
+
+From them follow intervals, what cannot be told from what, and what further motions
+would add, without any simulation.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...recording.data import Floats
+from ..effects.base import Term
+from .fit import Fit
+from .problem import assign_blocks
+from .quadratic_model import prior_precision
+
+MAX_VARIANCE_INFLATION = 10.0  # from which on a value is confounded (Marquardt 1970)
+MIN_CORRELATION = 0.5  # of two values that are told together; a quarter of a variance
+UNTOLD_SHARE = 0.5  # of a prior variance that is left where readings tell little
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Gram matrices of a fit's slopes, by block of neighboring segments.
+
+    Attributes:
+        parameters: (P) names, "joint:knee/damping".
+        values: (P) fitted [units of the parameters; of stated values a factor].
+        prior: (P) precision of each value's prior [1 / unit^2]; 0 of effects.
+        gram: (B, P, P) J'J of the residuals' slopes J in each block [1 / unit^2].
+        gradient: (B, P) J'r of the residuals r in each block [1 / unit].
+        variance: of the residuals [1].
+    """
+
+    parameters: tuple[str, ...]
+    values: Floats
+    prior: Floats
+    gram: Floats
+    gradient: Floats
+    variance: float
+
+    @classmethod
+    def build(cls, fit: Fit) -> "Information":
+        """That of a fit, with a Jacobian near its values."""
+        block = assign_blocks(fit.problem)[fit.problem.segment_of_residual]
+        parts = [np.flatnonzero(block == b) for b in np.unique(block)]
+        slopes = [(fit.jacobian[rows], fit.residuals[rows]) for rows in parts]
+        return cls(
+            tuple(_name_parameters(fit.terms)),
+            fit.values,
+            prior_precision(fit.terms),
+            np.array([j.T @ j for j, _ in slopes]),
+            np.array([j.T @ r for j, r in slopes]),
+            fit.cost / max(len(fit.residuals) - len(fit.values), 1),
+        )
+
+    def find_confounded(self) -> list[tuple[str, ...]]:
+        """Parameters that the recordings tell only together, in groups.
+
+        Each would be known well if the others were: its variance is ten times as large
+        beside them (Marquardt 1970), and of a stated value half of the prior's is left.
+        """
+        known = self.gram.sum(axis=0) / max(self.variance, np.finfo(float).tiny)
+        precision = known + np.diag(self.prior)
+        size = np.sqrt(np.diag(precision))
+        felt = np.flatnonzero(np.diag(known) > 0)
+        scaled = precision[np.ix_(felt, felt)] / np.outer(size[felt], size[felt])
+        covariance = np.linalg.pinv(scaled, hermitian=True)
+        inflation = np.diag(covariance)
+        left = self.prior[felt] * inflation / size[felt] ** 2
+        is_open = (inflation > MAX_VARIANCE_INFLATION) & (
+            (left > UNTOLD_SHARE) | (self.prior[felt] == 0)
+        )
+        chosen = np.flatnonzero(is_open)
+        root = np.sqrt(inflation[chosen])
+        correlation = covariance[np.ix_(chosen, chosen)] / np.outer(root, root)
+        groups = _group(np.abs(correlation) > MIN_CORRELATION)
+        return [
+            tuple(self.parameters[felt[chosen[i]]] for i in g)
+            for g in groups
+            if len(g) > 1
+        ]
+
+
+def _name_parameters(terms: tuple[Term, ...]) -> Iterator[str]:
+    """Names of the parameters of terms, one at several places by the first of them."""
+    for term in terms:
+        for p in term.parameters:
+            own = "" if term.effect.name == "stated" else f"/{p.name}"
+            yield term.targets[0] + own
+
+
+def _group(linked: np.ndarray) -> list[list[int]]:
+    """Connected components of a graph (n, n)."""
+    from scipy.sparse.csgraph import connected_components
+
+    count, label = connected_components(linked, directed=False)
+    return [np.flatnonzero(label == k).tolist() for k in range(count)]
