@@ -58,8 +58,8 @@ class Information:
     def find_confounded(self) -> list[tuple[str, ...]]:
         """Parameters that the recordings tell only together, in groups.
 
-        Each would be known well if the others were: its variance is ten times as large
-        beside them (Marquardt 1970), and of a stated value half of the prior's is left.
+        Each would be known well if the others were: beside them its variance is ten
+        times as large (Marquardt 1970). Of a stated value half of the prior's is left.
         """
         known = self.gram.sum(axis=0) / max(self.variance, np.finfo(float).tiny)
         precision = known + np.diag(self.prior)
