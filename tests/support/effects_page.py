@@ -16,7 +16,8 @@ the catalogue by `python -m tests.support.effects_page`.
 diagnosis.json, and `selfheal replay` applies them. For a slide joint read N and m for
 N m and rad. [Add an effect](add-an-effect.md) says how to bring one of your own.
 No name is ever changed. New are `gravity_compensation`, `clock_shift`,
-`torque_constant`, `velocity_feedforward`, `dead_band` and `base_compliance`.
+`torque_constant`, `velocity_feedforward`, `dead_band`, `base_compliance` and
+`thermal_derating`.
 """
 
 

@@ -137,6 +137,58 @@ class RateLimit(ActuatorEffect):
         )
 
 
+class ThermalDerating(ActuatorEffect):
+    """A thermal model of first order (I^2 t): resistance rises with temperature.
+
+    Each episode begins cold.
+    """
+
+    name = "thermal_derating"
+    description = "The motor gives less torque the warmer its torques have made it."
+    equation = "tau = tau_stated / (1 + loss h), timeconst dh/dt = (gear ctrl)^2 - h"
+    source = "IEC 60034-11, thermal protection of motors"
+    separate_by = "hold a weight for a minute after a rest: the joint sinks slowly"
+    phrase = (
+        "{at} gets weaker as it warms up, by {loss} of squared torque with a time "
+        "constant of {timeconst}"
+    )
+    parameters = (
+        ParameterSpec("loss", "1/(N m)^2", nominal=0.0, nonnegative=True),
+        ParameterSpec("timeconst", "s", nonnegative=True),
+    )
+    rarity = 1
+
+    def make_parameters(self, robot, actuator):
+        most = 1 / actuator.max_force**2
+        make = self.make_parameter
+        return (
+            make("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
+            # of a small winding seconds, of a large motor's housing an hour
+            make("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
+        )
+
+    def make_initial_values(self, robot, actuator):
+        typical = 1 / actuator.max_force**2
+        return tuple((typical, seconds) for seconds in (10.0, 100.0))
+
+    def applies_to(self, robot, actuator):
+        """Of motors, which are told a torque."""
+        model, a = robot.model, actuator.id
+        laws = model.actuator_gaintype, model.actuator_biastype, model.actuator_dyntype
+        is_motor = not any(law[a] for law in laws) and model.actuator_gainprm[a, 0] == 1
+        return bool(is_motor and actuator.dof >= 0 and actuator.max_force > 0)
+
+    def transform_command(self, ctrl, step, place, values):
+        loss, keep = values[:, :1], np.exp(-step / values[:, 1])
+
+        def derate(u):
+            squares = (place["gear"] * u) ** 2
+            cold = np.concatenate([0 * squares[:, :1], squares], axis=1)
+            return u / (1 + loss * filter_column(cold, keep)[:, 1:])
+
+        return change_columns(ctrl, place["controls"], derate)
+
+
 class SpeedTorqueLimit(ActuatorEffect):
     name = "speed_torque_limit"
     description = "The torque that the motor can give falls with its speed."

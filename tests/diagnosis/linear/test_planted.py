@@ -35,6 +35,9 @@ PLANTED = [
     pytest.param(("arm", "sensor_bias", 1, (0.05,)), marks=pytest.mark.slow),
     ("pendulum", "coulomb_friction", 0, (0.05,)),
     pytest.param(("pendulum", "actuator_lag", 0, (0.05,)), marks=pytest.mark.slow),
+    pytest.param(
+        ("cart_pole", "thermal_derating", 0, (0.02, 1.5)), marks=pytest.mark.slow
+    ),
     ("arm", "asymmetric_friction", 1, (0.05, 0.15)),
     ("pendulum", "sensor_delay", 0, (0.012,)),
     ("arm", "cogging", 1, (0.02, 11.0, 4.0)),
