@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..extras import import_extra
 from ..files import atomic_path, write_text
 from .simulate import Run
 
@@ -66,7 +66,9 @@ def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> Non
         runs: of the robot, an episode each.
         joints: their names.
     """
-    parquet, pyarrow = _import("pyarrow.parquet"), _import("pyarrow")
+    import pyarrow
+    from pyarrow import parquet
+
     rate = 1 / (runs[0].time[1] - runs[0].time[0])
     names = [f"{name}.pos" for name in joints]
     vector = {"dtype": "float32", "shape": [len(names)], "names": names}
@@ -121,8 +123,8 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
     """
     import shutil
 
-    rosbag2 = _import("rosbags.rosbag2")
-    stores = _import("rosbags.typesys")
+    rosbag2 = import_extra("rosbags.rosbag2", "logs", "a ROS 2 bag")
+    stores = import_extra("rosbags.typesys", "logs", "a ROS 2 bag")
     store = stores.get_typestore(stores.Stores.ROS2_HUMBLE)
     state, command = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64MultiArray"
     shutil.rmtree(path, ignore_errors=True)
@@ -167,15 +169,3 @@ def _make_array(store: Any, values: np.ndarray) -> Any:
     types = store.types
     layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
     return types["std_msgs/msg/Float64MultiArray"](layout, values)
-
-
-def _import(name: str) -> Any:
-    """A library that a format needs."""
-    from importlib import import_module
-
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise InputError(
-            "this example's log needs an extra: pip install 'selfheal[logs]'"
-        ) from error

@@ -82,11 +82,9 @@ class LogFormat(ABC):
 
     Attributes:
         name: as messages and the documentation call it.
-        extra: what `pip install` needs for it; "" where selfheal needs it anyway.
     """
 
     name: str
-    extra: str = ""
 
     @abstractmethod
     def recognizes(self, path: Path) -> bool:

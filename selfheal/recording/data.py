@@ -30,6 +30,10 @@ class Signal:
     target: str
     unit: str
 
+    def __repr__(self) -> str:
+        of = f" of {self.target}" if self.target else ""
+        return f"<Signal: {self.kind}{of} [{self.unit}], shape {self.values.shape}>"
+
 
 @dataclass(frozen=True, eq=False)
 class Episode:
@@ -55,6 +59,13 @@ class Episode:
     qpos0: Floats | None = None
     qvel0: Floats | None = None
     motion: str | None = None
+
+    def __repr__(self) -> str:
+        seconds = np.ptp(self.time) if self.time.size else 0.0
+        return (
+            f"<Episode, {seconds:.1f} s; samples: {self.time.size}, "
+            f"commands: {len(self.ctrl_names)}, signals: {len(self.signals)}>"
+        )
 
 
 class EpisodeTable(Protocol):

@@ -1,18 +1,24 @@
 """What one robot did and felt: made of files, of arrays or of tables; checked."""
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
+from ..extras import import_extra
+from ..notebook import Columns, format_columns, open_axes
 from .check import validate
 from .data import KINDS, Episode, Signal, name_signal
 from .model import ModelNames, check_against_model
 from .names import read_names
+from .table import build_table, list_signals
 from .writing import write
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 # targets by kind, what is measured of each
 Table = Mapping[str, Mapping[str, Any]]
@@ -98,6 +104,83 @@ class Recording:
             InputError: nothing can be written there.
         """
         write(self, path)
+
+    def to_dataframe(self) -> Any:
+        """All samples as a data frame of pandas, NaN where one is missing.
+
+        Columns are `episode`, `time`, `ctrl/NAME`, `signals/NAME`, and `signals/NAME[k]`
+        of a vector.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        import_extra("pandas", "pandas", "a data frame")
+        return build_table(self).to_pandas()
+
+    def plot(
+        self,
+        signals: str | Sequence[str] | None = None,
+        *,
+        episode: str | None = None,
+        ax: "Axes | None" = None,
+    ) -> "Axes":
+        """Draw signals of an episode over time.
+
+        Args:
+            signals: names; None draws all of the first one's unit.
+            episode: its id; None takes the first one.
+            ax: to draw on; None makes a figure of matplotlib's pyplot.
+
+        Raises:
+            UnknownNameError: there is no such episode or signal.
+        """
+        id = next(iter(self.episodes), "") if episode is None else episode
+        if id not in self.episodes:
+            raise UnknownNameError("episode", id, self.episodes)
+        shown = self.episodes[id]
+        names = [signals] if isinstance(signals, str) else signals
+        if names is None:
+            units = [signal.unit for signal in shown.signals.values()]
+            names = [n for n, s in shown.signals.items() if s.unit == units[0]]
+        for name in names:
+            if name not in shown.signals:
+                raise UnknownNameError("signal", name, shown.signals)
+        wanted = replace(shown, signals={name: shown.signals[name] for name in names})
+        ax = open_axes(ax)
+        for column, (values, unit) in list_signals(wanted).items():
+            read = np.isfinite(values)
+            label = f"{column.partition('/')[2]} [{unit}]"
+            ax.plot(shown.time[read], values[read], label=label)
+        ax.set_xlabel("time [s]")
+        ax.set_title(f"episode {id}")
+        ax.legend()
+        return ax
+
+    def __repr__(self) -> str:
+        return f"<{self._describe()}>"
+
+    def _repr_html_(self) -> str:
+        return format_columns(self._describe(), self._list_signals())
+
+    def _describe(self) -> str:
+        """What it is, in a line."""
+        seconds = sum(np.ptp(e.time) for e in self.episodes.values() if e.time.size)
+        robot = f" of {self.robot}" if self.robot else ""
+        return (
+            f"Recording{robot}, {seconds:.1f} s; episodes: {len(self.episodes)}, "
+            f"signals: {len(self._list_signals()['signal'])}"
+        )
+
+    def _list_signals(self) -> Columns:
+        """What it measures: a row for each signal of any episode."""
+        found = dict[tuple[str, ...], list[float]]()
+        for episode in self.episodes.values():
+            for name, s in episode.signals.items():
+                missing = found.setdefault((name, s.kind, s.target, s.unit), [])
+                missing.append(float(np.isnan(s.values).mean()) if s.values.size else 0)
+        rows = [(*what, len(m), f"{sum(m) / len(m):.1%}") for what, m in found.items()]
+        head = ("signal", "kind", "target", "unit", "episodes", "missing")
+        return {name: [row[k] for row in rows] for k, name in enumerate(head)}
 
 
 def _build_recording(

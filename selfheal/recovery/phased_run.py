@@ -16,6 +16,8 @@ import numpy as np
 from ..body.damage import Damage, explain_misfit
 from ..errors import InputError, RunFileError
 from ..files import atomic_hdf5
+from ..notebook import format_columns
+from ..printable import join_names
 from ..schema import ArraySchema, Members, Number, open_members
 
 Phase = Mapping[str, Any]
@@ -79,6 +81,19 @@ class PhasedRun:
     def seconds(self) -> float:
         """Time spent so far, interruptions left out [s]."""
         return sum(phase["seconds"] for phase in self.phases.values())
+
+    def __repr__(self) -> str:
+        return f"<{self._describe()}>"
+
+    def _repr_html_(self) -> str:
+        ways = self.result.get("distance", {})
+        columns = {"": ["distance in a walk [m]"], **{k: [v] for k, v in ways.items()}}
+        return format_columns(self._describe(), columns if ways else {})
+
+    def _describe(self) -> str:
+        """What it is, in a line."""
+        state = "finished" if self.result else "not finished"
+        return f"{type(self).__name__}, {state}; phases: {join_names(self.phases)}"
 
     @staticmethod
     def measure_sizes(settings: Any) -> dict[str, int]:

@@ -205,7 +205,7 @@ _SCHEMAS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class HealRun(PhasedRun):
     """A heal, finished or not."""
 

@@ -136,7 +136,7 @@ _OURS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RecoverRun(PhasedRun):
     """A recovery, finished or not."""
 

@@ -8,13 +8,17 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
 from ..files import atomic_hdf5
+from ..notebook import Columns, format_columns, make_frame, open_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 FORMAT, VERSION = "selfheal-run", 2
 
@@ -125,6 +129,54 @@ class Run:
     def with_cycle(self, cycle: Cycle, **changes: Any) -> "Run":
         """This run and one more cycle."""
         return replace(self, cycles=(*self.cycles, cycle), **changes)
+
+    def to_dataframe(self) -> Any:
+        """The best body as a data frame of pandas, a row for each part.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return make_frame(self._list_parts())
+
+    def plot(self, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw the best body's error over the cycles.
+
+        Args:
+            ax: to draw on; None makes a figure of matplotlib's pyplot.
+        """
+        ax = open_axes(ax)
+        errors = [cycle.tilt_error for cycle in self.cycles]
+        ax.plot(range(1, len(errors) + 1), errors, marker="o")
+        ax.set_xlabel("cycle")
+        ax.set_ylabel("tilt error [deg]")
+        return ax
+
+    def __repr__(self) -> str:
+        return f"<{self._describe()}>"
+
+    def _repr_html_(self) -> str:
+        return format_columns(self._describe(), self._list_parts())
+
+    def _describe(self) -> str:
+        """What it is, in a line."""
+        last = self.cycles[-1:]
+        error = "".join(f", tilt error {c.tilt_error:.2f} deg" for c in last)
+        return (
+            f"Run of {self.settings.robot}: {len(self.cycles)} of "
+            f"{self.settings.cycles} cycles{error}"
+        )
+
+    def _list_parts(self) -> Columns:
+        """A row for each part of the best body; none before the first cycle."""
+        if not self.cycles:
+            return {name: () for name in ("part", "hangs on", "length [m]", "sureness")}
+        names, cycle = ("torso", *self.anatomy.parts), self.cycles[-1]
+        return {
+            "part": self.anatomy.parts,
+            "hangs on": [names[k] for k in cycle.genomes.parent[0]],
+            "length [m]": cycle.genomes.length[0].tolist(),
+            "sureness": cycle.sureness.tolist(),
+        }
 
 
 def save_run(run: Run, path: str | os.PathLike[str]) -> None:

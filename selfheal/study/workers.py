@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..engine._jax import count_cores
 from ..errors import InputError, UnknownNameError
+from ..extras import import_extra
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -117,12 +118,9 @@ def _start_local(place: Workplace) -> Any:
 
 def _start_cluster(place: Workplace, logs: Path) -> Any:
     """Jobs of a batch system, one worker on one core each; lost ones are replaced."""
-    try:
-        import dask_jobqueue
-    except ImportError as error:
-        message = "--cluster needs an extra: pip install 'selfheal[cluster]'"
-        raise InputError(message) from error
     import dask
+
+    jobqueue = import_extra("dask_jobqueue", "cluster", "--cluster")
 
     set_by_user = dask.config.get(f"jobqueue.{place.cluster}", {})
     wanted = {"cores": 1, "processes": 1, "memory": _MEMORY,
@@ -132,7 +130,7 @@ def _start_cluster(place: Workplace, logs: Path) -> Any:
     }
     more["scheduler_options"] = {"dashboard_address": _ANY_PORT}
     try:
-        made = getattr(dask_jobqueue, CLUSTERS[place.cluster])(**more)
+        made = getattr(jobqueue, CLUSTERS[place.cluster])(**more)
         made.adapt(minimum_jobs=place.workers, maximum_jobs=place.workers)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--cluster {place.cluster}: {error}") from error

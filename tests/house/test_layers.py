@@ -9,8 +9,16 @@ from pathlib import Path
 from tests.support.paths import ROOT
 
 ROOMS = [
-    *("printable", "errors", "limited_reading", "files", "mujoco_files", "schema"),
-    *("recording", "logs", "example", "telemetry"),
+    *(
+        "printable",
+        "errors",
+        "extras",
+        "notebook",
+        "limited_reading",
+        "files",
+        "mujoco_files",
+    ),
+    *("schema", "recording", "logs", "export", "example", "telemetry"),
     *("mjcf", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),

@@ -5,15 +5,19 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ...mjcf.edit import Edit, apply_edits
+from ...notebook import Columns, format_columns, make_frame, open_axes
 from ...printable import join_names
 from ...recording import Recording, open_recording
 from ...recording.data import Floats
 from ..estimation.information import Information
 from .storage import check_folder, write_diagnosis
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,3 +213,58 @@ class Diagnosis:
             folder = Path(room) / "diagnosis"
             self.save(folder)
             return replay_recording(folder, recording, model=model)
+
+    def to_dataframe(self) -> Any:
+        """The findings as a data frame of pandas, a row for each parameter.
+
+        Raises:
+            InputError: pandas is not installed.
+        """
+        return make_frame(self._list_findings())
+
+    def plot(self, trace: int = 0, *, ax: "Axes | None" = None) -> "Axes":
+        """Draw a stretch of a held-out episode, measured and predicted.
+
+        Args:
+            trace: number among `traces`, the worst one first.
+            ax: to draw on; None makes a figure of matplotlib's pyplot.
+
+        Raises:
+            InputError: there is no such stretch.
+        """
+        if not 0 <= trace < len(self.traces):
+            raise InputError(f"no trace {trace}; there are {len(self.traces)}, from 0")
+        shown, ax = self.traces[trace], open_axes(ax)
+        ax.plot(shown.time, shown.read, color="0.6", lw=3, label="measured")
+        for name in ("given", "refit", "patched"):
+            ax.plot(shown.time, getattr(shown, name), label=name)
+        ax.set_xlabel("time [s]" if shown.episode else "episode")
+        ax.set_ylabel(f"{shown.signal} [{shown.unit}]")
+        ax.legend()
+        return ax
+
+    def __repr__(self) -> str:
+        named = [f"{f['effect']} at {f['target']}" for f in self.document["findings"]]
+        return f"<{self._describe()}; findings: {join_names(named) or 'none'}>"
+
+    def _repr_html_(self) -> str:
+        fit = self.document["fit"]
+        errors = {key: [fit.get(key)] for key in ("given", "refit", "patched", "floor")}
+        return format_columns(self._describe(), self._list_findings()) + format_columns(
+            "Normalized error on held-out episodes", errors
+        )
+
+    def _describe(self) -> str:
+        """What it is, in a line."""
+        return f"Diagnosis of {self.model}: {self.document['verdict']}"
+
+    def _list_findings(self) -> Columns:
+        """A row for each parameter of each finding; one for a finding without."""
+        keys = ("name", "value", "low", "high", "unit")
+        rows = [
+            (finding["effect"], finding["target"], *map(parameter.get, keys))
+            for finding in self.document["findings"]
+            for parameter in finding["parameters"] or [{}]
+        ]
+        head = ("effect", "target", "parameter", *keys[1:])
+        return {name: [row[k] for row in rows] for k, name in enumerate(head)}

@@ -15,8 +15,10 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
+from ...extras import DISTRIBUTION
+
 PACKAGE = Path(__file__).parents[2]
-VERSIONED = ("selfheal", "mujoco", "numpy", "scipy")  # packages that make the numbers
+VERSIONED = (DISTRIBUTION, "mujoco", "numpy", "scipy")  # packages that make the numbers
 
 
 class Digester:

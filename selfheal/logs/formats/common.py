@@ -5,13 +5,13 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ... import extras
 from ...errors import InputError
 from ...printable import make_printable
 from ...schema import shorten_value
@@ -36,12 +36,7 @@ def import_extra(module: str, what: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise InputError(
-            f"reading {what} needs an extra: pip install 'selfheal[logs]' ({error})"
-        ) from error
+    return extras.import_extra(module, "logs", f"reading {what}")
 
 
 @contextmanager

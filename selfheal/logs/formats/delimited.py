@@ -19,7 +19,6 @@ from .common import (
     clean_text,
     explain_damage,
     get_size,
-    import_extra,
     name_elements,
     read_start,
 )
@@ -41,7 +40,6 @@ class DelimitedFormat(LogFormat):
     """CSV, TSV and other tables as text, plain or as gzip packs them."""
 
     name = "CSV or TSV (also .gz)"
-    extra = "logs"
 
     def recognizes(self, path: Path) -> bool:
         """Whether its name says so, or it is text that holds a table."""
@@ -119,7 +117,6 @@ class DelimitedLog(Log):
     ) -> Iterator[tuple[str, Rows]]:
         """Read columns; a piece is a block of the file."""
         check_wanted(self, wanted)
-        import_extra("pyarrow.csv", "CSV")
         columns, rows = wanted.get("", ()), 0
         cells = sorted({self._places[column][0] for column in columns})
         if not cells:

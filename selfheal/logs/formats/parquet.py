@@ -14,7 +14,6 @@ from .common import (
     PIECE_VALUES,
     check_wanted,
     explain_damage,
-    import_extra,
     make_unique,
     name_elements,
     read_start,
@@ -29,7 +28,6 @@ class ParquetFormat(LogFormat):
     """One file."""
 
     name = "Parquet"
-    extra = "logs"
 
     def recognizes(self, path: Path) -> bool:
         """Whether it begins as Parquet does."""
@@ -45,7 +43,6 @@ class LeRobotFormat(LogFormat):
     """Data sets of LeRobot, version 2 and 3: https://github.com/huggingface/lerobot."""
 
     name = "LeRobot data set (a folder)"
-    extra = "logs"
 
     def recognizes(self, path: Path) -> bool:
         """Whether it is a folder with LeRobot's description."""
@@ -126,7 +123,6 @@ class ParquetLog(Log):
         Raises:
             InputError: the first file is damaged or has no columns that are read.
         """
-        import_extra("pyarrow.parquet", "Parquet")
         self.path, self._files = path, files
         reader = f"{__name__}:read_sample"
         if reason := explain_dangerous(files[0], reader, "pyarrow.parquet"):
@@ -200,7 +196,9 @@ class ParquetLog(Log):
 
 
 def _open_file(path: Path) -> Any:
-    return import_extra("pyarrow.parquet", "Parquet").ParquetFile(path)
+    from pyarrow import parquet
+
+    return parquet.ParquetFile(path)
 
 
 def read_sample(path: str | Path) -> Any:

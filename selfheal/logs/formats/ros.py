@@ -50,7 +50,6 @@ class RosFormat(LogFormat):
     """ROS bags of both versions, in files or folders."""
 
     name = "ROS bag (.bag, .db3, .mcap, a folder of them)"
-    extra = "logs"
 
     def recognizes(self, path: Path) -> bool:
         """Whether it is a bag, or a folder that holds some."""
