@@ -1,6 +1,7 @@
 """Folders of runs: names in, folders that are free or may be written over out."""
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from itertools import chain, count
 from pathlib import Path
 
@@ -38,8 +39,18 @@ def make_run_folder(name: str, force: bool) -> Path:
     Made here, so that no other process takes it too.
     """
     runs = check_writable_folder("runs")
-    names = chain([name], (f"{name}.{number}" for number in count(2)))
-    return next(runs / n for n in names if _make_folder(runs / n, force))
+    return next(runs / n for n in _number(name) if _make_folder(runs / n, force))
+
+
+def choose_run_folder(name: str) -> Path:
+    """runs/NAME, or with a number behind if that is taken; the command makes it."""
+    runs = Path("runs")
+    return next(runs / n for n in _number(name) if not os.path.lexists(runs / n))
+
+
+def _number(name: str) -> Iterator[str]:
+    """A name, and then that with numbers behind."""
+    return chain([name], (f"{name}.{number}" for number in count(2)))
 
 
 def _make_folder(folder: Path, force: bool) -> bool:

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._options import complete, list_faults, out_file, out_folder
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar
+from ._runs import choose_run_folder
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
@@ -41,7 +43,7 @@ def diagnose(
         list[Path],
         typer.Argument(metavar="RECORDING.h5...", help="What the real robot did."),
     ],
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where its files go.")],
+    out: Annotated[Path | None, out_folder("runs/diagnose-MODEL")] = None,
     held_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -51,7 +53,11 @@ def diagnose(
     ] = None,
     no_check: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="A fault of logs to let pass, as `sign`."),
+        typer.Option(
+            metavar="NAME",
+            help="A fault of logs to let pass, as `sign`.",
+            autocompletion=complete(list_faults),
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
     force: Annotated[
@@ -75,6 +81,7 @@ def diagnose(
     from selfheal.api import diagnose as find
     from selfheal.diagnosis.output.storage import claim_folder
 
+    out = out or _choose_folder(model, resume)
     with (
         claim_folder(out, force=force, resume=resume) as memory,
         ProgressBar("reading", quiet=as_json) as live,
@@ -92,6 +99,15 @@ def diagnose(
         print_json({**found.document, **extra})
     else:
         _print_diagnosis(found, out)
+
+
+def _choose_folder(model: Path, resume: bool) -> Path:
+    """A free folder for a diagnosis of a model; to go on with one, it must be named."""
+    from selfheal.errors import InputError
+
+    if resume:
+        raise InputError("--resume needs --out FOLDER, that of the killed diagnosis")
+    return choose_run_folder(f"diagnose-{model.stem}")
 
 
 @contextmanager
@@ -194,9 +210,7 @@ def replay(
     inputs: Annotated[
         Path, typer.Argument(metavar="INPUTS.h5", help="Commands, start, signals.")
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="PREDICTED.h5", help="Where the prediction goes.")
-    ],
+    out: Annotated[Path, out_file("PREDICTED.h5")] = Path("predicted.h5"),
     model: Annotated[
         Path | None,
         typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),

@@ -5,19 +5,21 @@ from typing import Annotated
 
 import typer
 
+from ._options import complete, list_examples, out_folder
 from ._print import print_json, print_line
+from ._runs import choose_run_folder
 
 
 def example(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="NAME", help="pendulum, desk_arm, six_axis or hung_quadruped."
+            metavar="NAME",
+            help="pendulum, desk_arm, six_axis or hung_quadruped.",
+            autocompletion=complete(list_examples),
         ),
     ],
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Folder for its files; made if missing.")
-    ],
+    out: Annotated[Path | None, out_folder("runs/example-NAME")] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object for scripts.")
     ] = False,
@@ -25,6 +27,7 @@ def example(
     """Write a model, a log of its robot with something concealed, and what to type."""
     from selfheal.example import make_example
 
+    out = out or choose_run_folder(f"example-{name}")
     made = make_example(name, out)
     if as_json:
         print_json(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._options import complete, list_damages, out_folder
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
@@ -20,8 +21,9 @@ _JSON = typer.Option("--json", help="One JSON object for scripts.")
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
 _DAMAGE = typer.Option(
+    autocompletion=complete(list_damages),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
-    "slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED."
+    "slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED.",
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 _SEED = typer.Option(help="Of everything random.")
@@ -87,10 +89,7 @@ def heal(
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Where files go; runs/heal-ROBOT-SEED."),
-    ] = None,
+    out: Annotated[Path | None, out_folder("runs/heal-ROBOT-SEED")] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="HEAL.h5", help="Go on with a heal.")
     ] = None,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._options import complete, list_robot_names, out_folder
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
@@ -28,7 +29,11 @@ _RANDOM_ACTIONS = typer.Option(
 def identify(
     context: typer.Context,
     robot: Annotated[
-        str | None, typer.Option(help="Name of the robot; see 'selfheal robots'.")
+        str | None,
+        typer.Option(
+            help="Name of the robot; see 'selfheal robots'.",
+            autocompletion=complete(list_robot_names),
+        ),
     ] = None,
     recordings: Annotated[
         Path | None,
@@ -44,10 +49,7 @@ def identify(
         int | None, typer.Option(help="Simulations for the search; 262000 by default.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Where the files go; runs/ROBOT-SEED."),
-    ] = None,
+    out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
     ] = None,

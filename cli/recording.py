@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ._options import make_epilog
 from ._print import print_json, print_line, print_table
 
 if TYPE_CHECKING:
@@ -14,16 +15,23 @@ if TYPE_CHECKING:
     from selfheal.telemetry import Telemetry
 
 app = typer.Typer(
-    help="Look at recordings.", no_args_is_help=True, rich_markup_mode=None
+    help="Look at recordings, make them, hand them on.",
+    epilog=make_epilog("selfheal recording check recording.h5", "recording-format.md"),
+    no_args_is_help=True,
+    rich_markup_mode=None,
 )
 
 
 @app.callback()
 def _recording() -> None:
-    """Look at recordings."""
+    """Look at recordings, make them, hand them on."""
 
 
-@app.command()
+@app.command(
+    epilog=make_epilog(
+        "selfheal recording check recording.h5 --model model.xml", "check-a-log.md"
+    )
+)
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording.")],
     model: Annotated[
@@ -60,7 +68,12 @@ def check(
         _print_tables(summary)
 
 
-@app.command("import")
+@app.command(
+    "import",
+    epilog=make_epilog(
+        "selfheal recording import log.csv --model model.xml --guess", "import-a-log.md"
+    ),
+)
 def import_log(
     logs: Annotated[
         list[Path],

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._options import complete, list_legged_robots, list_scenarios, out_folder
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
@@ -20,12 +21,18 @@ _NAME = "recover.h5"
 def recover(
     context: typer.Context,
     robot: Annotated[
-        str | None, typer.Option(help="quadruped or hexapod.", metavar="NAME")
+        str | None,
+        typer.Option(
+            help="quadruped or hexapod.",
+            metavar="NAME",
+            autocompletion=complete(list_legged_robots),
+        ),
     ] = None,
     scenario: Annotated[
         str,
         typer.Option(
             metavar="NUMBER|all",
+            autocompletion=complete(list_scenarios),
             help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a "
             "weak sensor, 13 a slope, 14 slippery ground, 15 wind.",
         ),
@@ -45,10 +52,7 @@ def recover(
         typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
     ] = 0.0,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Where files go; runs/recover-ROBOT-SEED."),
-    ] = None,
+    out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[
         Path | None,
         typer.Option(

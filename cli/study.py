@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ._options import make_epilog, out_folder
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar
 from ._runs import RunFolder, refuse_settings
@@ -18,11 +19,10 @@ if TYPE_CHECKING:
     from selfheal.study.workers import Workplace
 
 _NAME, _PAGES = "study.h5", ("report.html", "report.md")
-_READINGS = Path("../shared/recordings/starfish_2006")
 _RUNS = {"table3": 30, "actions": 30, "schema": 30, "eea": 3, "diagnose": 1}
 _RECORDINGS = typer.Option(
     metavar="FOLDER",
-    help=f"Readings of the robot of 2006; {_READINGS} where that is there.",
+    help="Readings of the robot of 2006; without it the simulated robot alone.",
 )
 _ROBOTS = typer.Argument(
     metavar="FOLDER",
@@ -35,6 +35,7 @@ _JSON = typer.Option("--json", help="One JSON object for scripts.")
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
+    epilog=make_epilog("selfheal study table3 --runs 30", "how-study-works.md"),
     help="Repeat a table of the papers, or diagnose a fleet, on many cores.",
 )
 
@@ -54,10 +55,7 @@ def _run_study(
     cluster: Annotated[
         str, typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
     ] = "",
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FOLDER", help="Where files go; runs/study-NAME."),
-    ] = None,
+    out: Annotated[Path | None, out_folder("runs/study-NAME")] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="STUDY.h5", help="Go on with a study.")
     ] = None,
@@ -114,14 +112,11 @@ def _begin_study(
         if folder is not None and not folder.is_dir():
             raise InputError(f"{option}{folder}: there is no such folder")
     if "recordings" in given and asked.recordings is None:
-        if _READINGS.is_dir():
-            asked = replace(asked, recordings=_READINGS)
-        else:
-            print_line(
-                f"no readings of the robot of 2006 at {_READINGS}, and no --recordings "
-                "FOLDER: the hidden simulated robot alone",
-                is_error=True,
-            )
+        print_line(
+            "no --recordings FOLDER with readings of the robot of 2006: the hidden "
+            "simulated robot alone",
+            is_error=True,
+        )
     folders = {k: f.resolve() for k in ("recordings", "cases")
                if (f := getattr(asked, k)) is not None}  # fmt: skip
     asked = replace(asked, **folders)
@@ -250,7 +245,10 @@ def _print_study(results: "Results", tables: "Sequence[Table]") -> None:
 
 def _add_command(name: str, about: str) -> Callable:
     """One study as a command."""
-    return app.command(name, help=about)(_run_study)
+    folder = "FLEET " if name == "diagnose" else ""
+    example = f"selfheal study {name} {folder}--workers 2"
+    end = make_epilog(example, "how-study-works.md")
+    return app.command(name, help=about, epilog=end)(_run_study)
 
 
 _add_command(
@@ -260,4 +258,9 @@ _add_command("actions", "Chosen against random actions, by which score; 8 action
 _add_command("schema", "Lengths from seven sets of sensors; then the 8 x 4 matrix.")
 _add_command("eea", "Two legged robots, ten scenarios: recoveries.")
 _add_command("diagnose", "Diagnoses of many robots or logs, side by side.")
-app.command("show")(show)
+app.command(
+    "show",
+    epilog=make_epilog(
+        "selfheal study show runs/study-table3/study.h5", "how-study-works.md"
+    ),
+)(show)

@@ -1,4 +1,4 @@
-"""What a notebook shows of a result: columns by name in; HTML, a data frame, axes out."""
+"""What a notebook shows of a result: columns by name in; HTML, a frame, axes out."""
 
 import html
 from collections.abc import Mapping, Sequence

@@ -23,7 +23,7 @@ KINDS = {
     "wind": ("world", "speed of a steady wind [m/s]"),
 }
 # a user's word: the kind, and how many things may follow it
-_KIND_WORDS = {
+KIND_WORDS = {
     "loss": ("limb_loss", 1),
     "jam": ("joint_jam", 2),
     "weak": ("weak_motor", 2),
@@ -162,7 +162,7 @@ def parse_damages(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
 def _parse_damage(word: str, anatomy: Anatomy) -> Damage:
     """The damage of one word."""
     first, *rest = word.split(":")
-    kind, most = _KIND_WORDS.get(first, ("part_scale", 1))
+    kind, most = KIND_WORDS.get(first, ("part_scale", 1))
     if len(rest) > most or (kind == "part_scale" and not rest):
         raise InputError(f"damage {word!r} is not understood; say {_USAGE}")
     rest = rest or [""]

@@ -108,8 +108,8 @@ class Recording:
     def to_dataframe(self) -> Any:
         """All samples as a data frame of pandas, NaN where one is missing.
 
-        Columns are `episode`, `time`, `ctrl/NAME`, `signals/NAME`, and `signals/NAME[k]`
-        of a vector.
+        Columns are `episode`, `time`, `ctrl/NAME` and `signals/NAME`, or of a vector
+        `signals/NAME[k]`.
 
         Raises:
             InputError: pandas is not installed.

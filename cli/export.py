@@ -1,0 +1,67 @@
+"""`selfheal recording export`: a recording, perhaps a diagnosis, in; a file out."""
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._options import complete, list_formats
+from ._print import print_json, print_line
+
+
+def export(
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            metavar="FORMAT",
+            help="mcap (Foxglove, PlotJuggler), rrd (Rerun), csv or parquet.",
+            autocompletion=complete(list_formats),
+        ),
+    ],
+    diagnosis: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Also what this diagnosis predicts of it."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Where it goes; without it FILE.FORMAT."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what is at --out.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object for scripts.")
+    ] = False,
+) -> None:
+    """Write a recording for another program to plot."""
+    from selfheal.errors import InputError, UnknownNameError
+    from selfheal.export.export import FORMATS, export_recording
+    from selfheal.files import check_writable
+    from selfheal.recording import read
+
+    if to not in FORMATS:
+        raise UnknownNameError("format", to, FORMATS)
+    out = out or Path(f"{file.stem}.{to}")
+    check_writable(out)
+    if os.path.lexists(out) and not force:
+        raise InputError(
+            f"{out} is there already; --force replaces it, or give another name by "
+            "--out"
+        )
+    recording, predicted = read(file), None
+    if out.exists() and out.samefile(file):
+        raise InputError(f"--out {out} would overwrite the recording itself")
+    if diagnosis is not None:
+        from selfheal.diagnosis.output.replay import replay_recording
+
+        predicted = replay_recording(diagnosis, recording)
+    export_recording(recording, out, to=to, predicted=predicted)
+    if as_json:
+        told = {"format": "selfheal-export", "version": 1, "recording": str(file),
+                "to": to, "diagnosis": str(diagnosis) if diagnosis else None,
+                "exported": str(out), "episodes": len(recording.episodes)}  # fmt: skip
+        print_json(told)
+    else:
+        print_line(f"{out}: {len(recording.episodes)} episodes")

@@ -1,0 +1,1 @@
+"""Recordings for other programs: a recording, perhaps with predictions; a file out."""
