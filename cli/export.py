@@ -64,4 +64,5 @@ def export(
                 "exported": str(out), "episodes": len(recording.episodes)}  # fmt: skip
         print_json(told)
     else:
-        print_line(f"{out}: {len(recording.episodes)} episodes")
+        count = len(recording.episodes)
+        print_line(f"{out}: {count} episode{'s' * (count > 1)}")

@@ -94,7 +94,8 @@ def import_log(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="The recording, or the map with --guess (map.toml)."
+            metavar="FILE",
+            help="Where the recording goes; with --guess the map, without it map.toml.",
         ),
     ] = None,
     as_json: Annotated[

@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import InputError, UnknownNameError
 from ..extras import import_extra
 from ..notebook import Columns, format_columns, open_axes
+from ..printable import make_printable
 from .check import validate
 from .data import KINDS, Episode, Signal, name_signal
 from .model import ModelNames, check_against_model
@@ -157,7 +158,7 @@ class Recording:
         return ax
 
     def __repr__(self) -> str:
-        return f"<{self._describe()}>"
+        return f"<{make_printable(self._describe())}>"
 
     def _repr_html_(self) -> str:
         return format_columns(self._describe(), self._list_signals())

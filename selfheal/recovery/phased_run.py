@@ -17,7 +17,7 @@ from ..body.damage import Damage, explain_misfit
 from ..errors import InputError, RunFileError
 from ..files import atomic_hdf5
 from ..notebook import format_columns
-from ..printable import join_names
+from ..printable import join_names, make_printable
 from ..schema import ArraySchema, Members, Number, open_members
 
 Phase = Mapping[str, Any]
@@ -83,7 +83,7 @@ class PhasedRun:
         return sum(phase["seconds"] for phase in self.phases.values())
 
     def __repr__(self) -> str:
-        return f"<{self._describe()}>"
+        return f"<{make_printable(self._describe())}>"
 
     def _repr_html_(self) -> str:
         ways = self.result.get("distance", {})

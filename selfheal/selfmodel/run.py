@@ -16,6 +16,7 @@ from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..body.genome import Genomes
 from ..files import atomic_hdf5
 from ..notebook import Columns, format_columns, make_frame, open_axes
+from ..printable import make_printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,7 +153,7 @@ class Run:
         return ax
 
     def __repr__(self) -> str:
-        return f"<{self._describe()}>"
+        return f"<{make_printable(self._describe())}>"
 
     def _repr_html_(self) -> str:
         return format_columns(self._describe(), self._list_parts())

@@ -69,6 +69,19 @@ def test_starting_up_loads_nothing_heavy(code):
     assert not HEAVY & set(result.stdout.split())
 
 
+def test_a_diagnosis_loads_nothing_that_it_has_no_use_for():
+    rooms = ("api", "telemetry", "diagnosis.diagnose", "report.diagnose")
+    code = f"import {', '.join(f'selfheal.{room}' for room in rooms)}"
+    report = f"{code}; import sys; print(*sys.modules)"
+    result = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, text=True, check=True
+    )
+    loaded = {name.partition(".")[0] for name in result.stdout.split()}
+    assert "scipy" in loaded
+    assert not loaded & {"dask", "distributed", "jax", "mcap", "numba", "pandas",
+                         "pyarrow", "rerun", "rosbags"}  # fmt: skip
+
+
 @pytest.mark.parametrize(
     "command",
     [

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from ...mjcf.edit import Edit, apply_edits
 from ...notebook import Columns, format_columns, make_frame, open_axes
-from ...printable import join_names
+from ...printable import join_names, make_printable
 from ...recording import Recording, open_recording
 from ...recording.data import Floats
 from ..estimation.information import Information
@@ -245,7 +245,8 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         named = [f"{f['effect']} at {f['target']}" for f in self.document["findings"]]
-        return f"<{self._describe()}; findings: {join_names(named) or 'none'}>"
+        said = f"<{self._describe()}; findings: {join_names(named) or 'none'}>"
+        return make_printable(said)
 
     def _repr_html_(self) -> str:
         fit = self.document["fit"]
