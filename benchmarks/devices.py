@@ -1,6 +1,6 @@
 """Real devices: each diagnosed from its training file and scored on its test.
 
-    python -m benchmarks.devices --recordings ../shared/recordings --out DIR [NAME ...]
+    python -m benchmarks.devices --recordings RECORDINGS --out DIR [NAME ...]
 
 Each set is diagnosed in DIR/NAME by a process of its own; what is there already is not
 done again. `test.h5`, its samples taken out, is replayed and scored as the contract
