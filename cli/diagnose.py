@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
 
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
+_NO_CHECK = typer.Option(
+    metavar="NAME",
+    help="A fault of logs to let pass, as `sign`.",
+    autocompletion=complete(list_faults),
+)
 _FILES = ("diagnosis.json", "patched.xml", "patched.diff", "report.html")
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
 # what is said of a stage, by the first word of what is being done
@@ -51,14 +56,7 @@ def diagnose(
             help="An episode, a piece id[t0,t1], or a file to prove it on; once each.",
         ),
     ] = None,
-    no_check: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A fault of logs to let pass, as `sign`.",
-            autocompletion=complete(list_faults),
-        ),
-    ] = None,
+    no_check: Annotated[list[str] | None, _NO_CHECK] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")

@@ -16,27 +16,23 @@ if TYPE_CHECKING:
     from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
 
 _NAME = "recover.h5"
+_ROBOT = typer.Option(
+    help="quadruped or hexapod.",
+    metavar="NAME",
+    autocompletion=complete(list_legged_robots),
+)
+_SCENARIO = typer.Option(
+    metavar="NUMBER|all",
+    autocompletion=complete(list_scenarios),
+    help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a weak "
+    "sensor, 13 a slope, 14 slippery ground, 15 wind.",
+)
 
 
 def recover(
     context: typer.Context,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="quadruped or hexapod.",
-            metavar="NAME",
-            autocompletion=complete(list_legged_robots),
-        ),
-    ] = None,
-    scenario: Annotated[
-        str,
-        typer.Option(
-            metavar="NUMBER|all",
-            autocompletion=complete(list_scenarios),
-            help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a "
-            "weak sensor, 13 a slope, 14 slippery ground, 15 wind.",
-        ),
-    ] = "all",
+    robot: Annotated[str | None, _ROBOT] = None,
+    scenario: Annotated[str, _SCENARIO] = "all",
     method: Annotated[
         str, typer.Option(help="ours, as-described or hardware-only.")
     ] = "ours",

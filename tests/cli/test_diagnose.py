@@ -189,10 +189,18 @@ def test_bad_input_is_refused_before_any_work(
 
 
 def test_an_argument_left_out_is_refused(doctor, files, tmp_path):
-    for arguments in ([*files], [files[0], "--out", tmp_path / "out"]):
-        result = _run("diagnose", *arguments)
-        assert result.exit_code == 2 and "Traceback" not in result.output
+    result = _run("diagnose", files[0], "--out", tmp_path / "out")
+    assert result.exit_code == 2 and "Traceback" not in result.output
     assert doctor.asked == []
+
+
+def test_without_a_folder_there_is_one_below_runs(doctor, files, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    name = f"runs/diagnose-{Path(files[0]).stem}"
+    for folder in (name, f"{name}.2"):
+        assert f"{folder}/diagnosis.json" in _run("diagnose", *files).stdout
+        assert (tmp_path / folder / "report.html").is_file()
+    assert "--resume needs --out" in _refused(_run("diagnose", *files, "--resume"))
 
 
 def test_an_earlier_diagnosis_is_overwritten_by_force_only(doctor, files, tmp_path):

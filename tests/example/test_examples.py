@@ -40,6 +40,12 @@ def _compare(imported, given):
             assert signal.values == pytest.approx(true.signals[name].values, abs=1e-4)
 
 
+def test_without_a_folder_there_is_one_below_runs(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert _run("example", "pendulum").startswith("runs/example-pendulum/model.xml")
+    assert _run("example", "pendulum").startswith("runs/example-pendulum.2/model.xml")
+
+
 def test_the_recording_is_what_its_map_makes_of_the_log(made, tmp_path):
     words = ("recording", "import", made["log"], "--model", made["model"])
     _run(*words, "--map", made["map"], "--out", tmp_path / "rec.h5")

@@ -1,14 +1,20 @@
 """Which format reads a log, and what is said where none does."""
 
+import re
 import sys
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, entry_points, requires
 
+import numpy as np
 import pytest
 
 from selfheal.errors import InputError
+from selfheal.export.export import export_recording
+from selfheal.extras import DISTRIBUTION
 from selfheal.logs import open_log as module
 from selfheal.logs.base import Log, LogFormat, Stream
 from selfheal.logs.open_log import open_log
+from selfheal.recording import Recording
+from tests.support.logs.reading import read_all
 
 GROUP = "selfheal.importers"
 
@@ -91,6 +97,20 @@ def test_a_missing_library_is_named_with_the_way_to_install_it(
     path.write_bytes(content)
     with pytest.raises(InputError, match="pip install 'mcap.*'rosbags"):
         list(open_log(path).read({"": ["t"]}))
+
+
+@pytest.mark.parametrize("form", ["csv", "parquet"])
+def test_a_table_is_read_by_what_every_installation_has(tmp_path, monkeypatch, form):
+    stated = requires(DISTRIBUTION)
+    plain = {re.split(r"[^\w-]", line)[0] for line in stated if "extra ==" not in line}
+    extra = {re.split(r"[^\w-]", line)[0] for line in stated if "extra ==" in line}
+    assert "pyarrow" in plain - extra
+    for library in ("mcap", "mcap_protobuf", "pandas", "rerun", "rosbags"):
+        monkeypatch.setitem(sys.modules, library, None)
+    recording = Recording.from_arrays(np.arange(3.0), {"motor": np.zeros(3)}, {})
+    export_recording(recording, tmp_path / f"log.{form}", to=form)
+    (rows,) = read_all(open_log(tmp_path / f"log.{form}")).values()
+    assert len(rows) == 3
 
 
 def test_a_name_with_half_a_character_is_refused(tmp_path):

@@ -15,10 +15,8 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
-from ...extras import DISTRIBUTION
-
 PACKAGE = Path(__file__).parents[2]
-VERSIONED = (DISTRIBUTION, "mujoco", "numpy", "scipy")  # packages that make the numbers
+VERSIONED = ("mujoco", "numpy", "scipy")  # packages that make the numbers
 
 
 class Digester:
