@@ -105,7 +105,7 @@ def test_a_table_is_read_by_what_every_installation_has(tmp_path, monkeypatch, f
     plain = {re.split(r"[^\w-]", line)[0] for line in stated if "extra ==" not in line}
     extra = {re.split(r"[^\w-]", line)[0] for line in stated if "extra ==" in line}
     assert "pyarrow" in plain - extra
-    for library in ("mcap", "mcap_protobuf", "pandas", "rerun", "rosbags"):
+    for library in ("mcap", "mcap_protobuf", "rerun", "rosbags"):
         monkeypatch.setitem(sys.modules, library, None)
     recording = Recording.from_arrays(np.arange(3.0), {"motor": np.zeros(3)}, {})
     export_recording(recording, tmp_path / f"log.{form}", to=form)
