@@ -6,7 +6,17 @@ import typer
 
 from selfheal import __version__
 
-from . import diagnose, example, export, heal, identify, recording, recover, study
+from . import (
+    diagnose,
+    example,
+    export,
+    heal,
+    identify,
+    model,
+    recording,
+    recover,
+    study,
+)
 from ._errors import Group
 from ._options import make_epilog
 from ._print import print_line
@@ -45,6 +55,7 @@ recording.app.command(
 )(export.export)  # fmt: skip
 app.add_typer(study.app, name="study")
 app.add_typer(recording.app, name="recording")
+app.add_typer(model.app, name="model")
 
 
 def _show_version(wanted: bool) -> None:

@@ -42,10 +42,11 @@ class MjcfDocument:
         newline: how the main file ends its lines.
     """
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, path: str | os.PathLike[str], text: str | None = None) -> None:
+        """`text`: that stands for the file's, in its folder."""
         self.path = os.fspath(path)
         self.home = os.path.realpath(os.path.dirname(os.path.abspath(path)))
-        text = _read_text(self.path)
+        text = _read_text(self.path) if text is None else text
         self.file = parse(text, self.home, self.path)
         if self.file.root().tag == "robot":
             text = _from_urdf(self.path)

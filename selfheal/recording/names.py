@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
-from ..mujoco_files import compile_file, read_spec_file
+from ..mujoco_files import compile_file, read_spec_file, refuse_xacro
 from .controls import find_joint, list_controls
 from .model import ModelNames, Target
 
@@ -57,6 +57,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
         ModelError: MuJoCo cannot load it; the message is MuJoCo's.
     """
     name = os.fspath(path)
+    refuse_xacro(name)
     if reason := explain_dangerous(name, f"{__name__}:compile_model", "mujoco"):
         raise ModelError(f"{name}: {reason}")
     try:
@@ -65,8 +66,9 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
         reason = " ".join(str(error).split()) or f"no reason was given for {name}"
         if "package:/" in reason:
             reason += (
-                '; would fit: <mujoco><compiler strippath="true" meshdir="..."/>'
-                "</mujoco> in the URDF, with the folder of its meshes"
+                ", which contact or inertia needs; would fit: the package's folder "
+                'beside or above the model, or <mujoco><compiler strippath="true" '
+                'meshdir="..."/></mujoco> in the URDF, with the folder of its meshes'
             )
         raise ModelError(f"{name}: MuJoCo cannot load it: {reason}") from error
     if not 0 < (step := model.opt.timestep) < np.inf:

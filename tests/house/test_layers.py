@@ -19,7 +19,7 @@ ROOMS = [
         "mujoco_files",
     ),
     *("schema", "recording", "logs", "export", "example", "telemetry"),
-    *("mjcf", "body", "engine"),
+    *("mjcf", "preparation", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...mujoco_files import list_visual_meshes
 from ...recording import load_model, read_spec
 from ...recording.data import Floats
 from ..effects.base import Term, implements
@@ -256,36 +257,17 @@ class ModelCompiler:
 def _replace_visual_meshes(spec, given) -> None:
     """Put boxes in place of meshes that are only seen: each model copies all vertices.
 
-    Such a mesh touches nothing and gives no inertia. All geoms keep their ids.
+    All geoms keep their ids.
 
     Args:
         spec: that is changed.
         given: the same, compiled.
     """
-    import mujoco
-
-    always = int(spec.compiler.inertiafromgeom) == 1  # mjINERTIAFROMGEOM_TRUE
-    referred = {*given.pair_geom1, *given.pair_geom2}
-    for kinds, ids in (
-        (given.sensor_objtype, given.sensor_objid),
-        (given.sensor_reftype, given.sensor_refid),
-    ):
-        referred |= set(ids[kinds == mujoco.mjtObj.mjOBJ_GEOM])
-    kept = set()
-    for g, geom in enumerate(spec.geoms):
-        if given.geom_type[g] != mujoco.mjtGeom.mjGEOM_MESH:
-            continue
-        is_weightless = geom.mass == 0 or geom.density == 0
-        if (
-            given.geom_contype[g] | given.geom_conaffinity[g]
-            or given.geom_fluid[g].any()
-            or g in referred
-            or not (is_weightless or (geom.parent.explicitinertial and not always))
-        ):
-            kept.add(geom.meshname)
-        else:
-            _become_box(geom, given, g)
-    for mesh in [m for m in spec.meshes if m.name not in kept]:
+    geoms = spec.geoms
+    for g in list_visual_meshes(spec):
+        _become_box(geoms[g], given, g)
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in [m for m in spec.meshes if m.name not in used]:
         spec.delete(mesh)
 
 

@@ -1,0 +1,130 @@
+"""`selfheal model`: takes a robot's URDF or MJCF, gives one that can be diagnosed."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ._print import print_json, print_line
+
+app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
+_EXAMPLES = """\b
+Examples:
+selfheal model prepare arm.urdf --kp 60 --kv 2 --out arm.xml
+selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --passive caster --out arm.xml
+selfheal model prepare dog.xml --motors --weld-base --out dog_on_a_stand.xml
+"""
+
+
+@app.callback()
+def _model() -> None:
+    """Make models fit."""
+
+
+@app.command(epilog=_EXAMPLES)
+def prepare(
+    model: Annotated[
+        Path, typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
+    ],
+    out: Annotated[Path, typer.Option(metavar="MODEL.xml", help="Where it goes.")],
+    kp: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[JOINT=]VALUE",
+            help="Stiffness of position servos [N m/rad; N/m]; --kp 60 --kp wrist=10.",
+        ),
+    ] = None,
+    kv: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[JOINT=]VALUE",
+            help="Their damping [N m s/rad; N s/m]; without: the critical one.",
+        ),
+    ] = None,
+    motors: Annotated[
+        bool, typer.Option("--motors", help="Torque motors: commands are in N m or N.")
+    ] = False,
+    weld_base: Annotated[
+        bool, typer.Option("--weld-base", help="Fix a base that has a free joint.")
+    ] = False,
+    passive: Annotated[
+        list[str] | None,
+        typer.Option(metavar="JOINT", help="A joint without a drive; once each."),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what is at --out.")
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="One JSON object for scripts.")
+    ] = False,
+) -> None:
+    """Write the MJCF of a robot with a drive at every joint that lacks one."""
+    from selfheal.preparation.drives import Gains
+    from selfheal.preparation.prepare import prepare_model, write_model
+
+    _check_arguments(model, out, bool(kp), bool(kv), motors, force)
+    gains = Gains(_read_gains("--kp", kp or ()), _read_gains("--kv", kv or ()),
+                  tuple(passive or ()))  # fmt: skip
+    done = prepare_model(model, out.parent, gains, weld_base=weld_base)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_model(done, out)
+    if as_json:
+        told = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
+        print_json({**told, "out": str(out), "steps": list(done.steps)})
+        return
+    for step in done.steps:
+        print_line(step)
+    print_line(
+        f"wrote {out}; then: selfheal recording import LOG --model {out} --guess"
+    )
+
+
+def _check_arguments(
+    model: Path, out: Path, stiff: bool, damped: bool, motors: bool, force: bool
+) -> None:
+    """Refuse what says no drive, or would overwrite something.
+
+    Args:
+        model: that is prepared.
+        out: where it goes.
+        stiff: whether there is a --kp.
+        damped: whether there is a --kv.
+        motors: whether there is --motors.
+        force: whether what is at `out` may be overwritten.
+    """
+    from selfheal.errors import InputError
+    from selfheal.files import check_file
+
+    check_file(model)
+    if motors == stiff or (damped and not stiff):
+        raise InputError(
+            "give the stiffness of the drives by --kp VALUE (and --kv VALUE if it is "
+            "known), or --motors if the log's commands are torques; a guess of the "
+            "gains will do, for diagnose tells by how much it is off"
+        )
+    if out.resolve() == model.resolve():
+        raise InputError(f"--out {out} would overwrite the model itself")
+    if out.exists() and not force:
+        raise InputError(f"{out} exists; --force replaces it, or give another name")
+
+
+def _read_gains(option: str, entries: "list[str] | tuple[()]") -> dict[str, float]:
+    """Gains by joint of what an option was given; "" for all others."""
+    from math import isfinite
+
+    from selfheal.errors import InputError
+
+    found: dict[str, float] = {}
+    for entry in entries:
+        joint, _, value = entry.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = -1.0
+        if not (isfinite(number) and number >= 0) or joint in found:
+            raise InputError(
+                f"{option} {entry}: would fit: a number of 0 or more for all joints, "
+                "or JOINT=NUMBER, once each"
+            )
+        found[joint] = number
+    return found

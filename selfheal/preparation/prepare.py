@@ -1,0 +1,226 @@
+"""A model to drive and to identify: takes a URDF or MJCF, gives an MJCF's text."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import ModelError
+from ..files import atomic_path
+from ..limited_reading import explain_dangerous
+from ..mjcf.asset_paths import relocate_paths
+from ..mjcf.document import MjcfDocument, describe_refusal
+from ..mjcf.xml_text import Element, encode_text, parse
+from ..mujoco_files import refuse_xacro
+from ..printable import join_names, quote_name
+from ..recording import load_model, read_spec
+from .contacts import find_touching_pairs
+from .drives import Drive, Gains, build_drives, list_followers
+
+if TYPE_CHECKING:
+    import mujoco
+
+SIZED = ("qpos", "qvel", "act", "ctrl", "mpos", "mquat")  # what a keyframe may hold
+
+
+@dataclass(frozen=True)
+class Preparation:
+    """A prepared model.
+
+    Attributes:
+        text: of the MJCF.
+        steps: what was done and what was left, a sentence each.
+    """
+
+    text: str
+    steps: tuple[str, ...]
+
+
+def prepare_model(
+    path: str | os.PathLike[str],
+    folder: str | os.PathLike[str],
+    gains: Gains,
+    *,
+    weld_base: bool = False,
+) -> Preparation:
+    """The MJCF of a robot in which every joint that a drive could turn has one.
+
+    Args:
+        path: of the URDF or MJCF.
+        folder: where the text will lie; meshes are still found from there.
+        gains: of the drives.
+        weld_base: whether bodies with a free joint lose it.
+
+    Raises:
+        ModelError: MuJoCo cannot read the model, or it holds macros of xacro.
+        InputError: a joint has no gain, or a gain no joint.
+    """
+    refuse_xacro(path)
+    name = os.fspath(path)
+    if reason := explain_dangerous(name, "selfheal.recording.names:compile_model",
+                                   "mujoco"):  # fmt: skip
+        raise ModelError(f"{name}: {reason}")
+    try:
+        spec = read_spec(path)
+        steps = [*_describe_meshes(name, spec), *(_weld(spec) if weld_base else ())]
+        drives = build_drives(_compile_bare(spec), gains)
+        steps += _fit_keyframes(spec, bool(drives))
+        steps += _exclude_contacts(spec)
+        steps += _move_limits(spec, drives)
+        model = spec.compile()
+    except ValueError as error:
+        raise ModelError(describe_refusal(name, error)) from error
+    document = MjcfDocument(path, spec.to_xml())
+    section = document.get_section("actuator") if drives else None
+    for drive in drives:
+        assert section
+        new = document.insert(section, f"<{drive.tag}/>", first=False)
+        new.set({"name": drive.joint, "joint": drive.joint, **drive.attributes})
+    relocate_paths(document, os.path.realpath(folder))
+    steps += _describe_joints(model, drives, gains)
+    return Preparation(document.file.to_text(), (*steps, *_describe_speeds(name)))
+
+
+def write_model(prepared: Preparation, path: str | os.PathLike[str]) -> None:
+    """Write a prepared model, if MuJoCo can load it where it is to lie.
+
+    Raises:
+        InputError: nothing can be written there, or MuJoCo refuses the model.
+    """
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(encode_text(prepared.text))
+        load_model(temporary)
+
+
+def _compile_bare(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
+    """The compiled model without keyframes, of which none can then be refused."""
+    bare = spec.copy()
+    for key in list(bare.keys):
+        bare.delete(key)
+    return bare.compile()
+
+
+def _list_meshes(name: str) -> set[str]:
+    """Names of the mesh files that a model's text speaks of."""
+    root: Element = parse(Path(name).read_text(errors="replace"), "", name).root()
+    if root.tag == "mujoco":
+        root = MjcfDocument(name).root
+    files = (e.get("file") or e.get("filename") for e in root.walk() if e.tag == "mesh")
+    return {os.path.basename(file) for file in files if file}
+
+
+def _describe_meshes(name: str, spec: "mujoco.MjSpec") -> Iterator[str]:
+    """Which meshes the spec lacks that the text speaks of."""
+    kept = {os.path.basename(mesh.file) for mesh in spec.meshes}
+    if dropped := sorted(_list_meshes(name) - kept):
+        yield f"left out meshes that are only seen: {join_names(dropped)}"
+
+
+def _weld(spec: "mujoco.MjSpec") -> Iterator[str]:
+    """Delete the free joints of a spec; what was done."""
+    import mujoco
+
+    free = [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]
+    for joint in free:
+        body = joint.parent.name
+        spec.delete(joint)
+        yield f"body {quote_name(body)} is fixed where it stands: no free joint"
+    if not free:
+        yield "the base is fixed to the world already"
+
+
+def _fit_keyframes(spec: "mujoco.MjSpec", is_driven: bool) -> Iterator[str]:
+    """Delete keyframes that do not fit the model; what was done.
+
+    Args:
+        spec: changed.
+        is_driven: whether actuators will be added, which no keyframe commands.
+    """
+    model = _compile_bare(spec)
+    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu,
+             "mpos": 3 * model.nmocap, "mquat": 4 * model.nmocap}  # fmt: skip
+    for key in list(spec.keys):
+        label = f"keyframe {quote_name(key.name)}"
+        for field in SIZED:
+            if (count := len(getattr(key, field))) not in (0, sizes[field]):
+                fits = f"{count} numbers, not {sizes[field]}"
+                yield f"dropped {label}: its {field} has {fits}"
+                spec.delete(key)
+                break
+        else:
+            if is_driven and len(key.ctrl):
+                key.ctrl = []
+                yield f"{label} keeps its pose, and loses its ctrl of fewer drives"
+
+
+def _exclude_contacts(spec: "mujoco.MjSpec") -> Iterator[str]:
+    """Exclude contacts of bodies that touch in every pose; what was done."""
+    model = spec.compile()
+    for pair in find_touching_pairs(model):
+        names = [model.body(body).name for body in pair]
+        said = " and ".join(
+            quote_name(n) if n else "a body without a name" for n in names
+        )
+        if all(names):
+            spec.add_exclude(bodyname1=names[0], bodyname2=names[1])
+            yield f"excluded contacts of {said}: they touch in every pose"
+        else:
+            yield f"{said} touch in every pose; name both to exclude their contacts"
+
+
+def _move_limits(spec: "mujoco.MjSpec", drives: Sequence[Drive]) -> Iterator[str]:
+    """Leave efforts limited by the drives alone, and make these stable to simulate."""
+    import mujoco
+
+    for drive in drives:
+        joint = spec.joint(drive.joint)
+        joint.actfrcrange, joint.actfrclimited = (
+            [0, 0],
+            mujoco.mjtLimited.mjLIMITED_AUTO,
+        )
+    euler, implicit = (
+        mujoco.mjtIntegrator.mjINT_EULER,
+        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    )
+    is_servo = any(drive.tag == "position" for drive in drives)
+    if is_servo and spec.option.integrator == euler:
+        spec.option.integrator = implicit
+        yield "integrator implicitfast, in which the damping of servos is stable"
+
+
+def _describe_joints(
+    model: "mujoco.MjModel", drives: Sequence[Drive], gains: Gains
+) -> Iterator[str]:
+    """What each joint got, and why others got nothing.
+
+    Args:
+        model: compiled.
+        drives: that were made.
+        gains: that were given.
+    """
+    for drive in drives:
+        yield f"joint {quote_name(drive.joint)}: {drive.says}"
+    for joint, e in list_followers(model).items():
+        led, own = int(model.eq_obj2id[e]), quote_name(model.joint(joint).name)
+        follows = (
+            f"follows {quote_name(model.joint(led).name)}" if led >= 0 else "is held"
+        )
+        yield f"joint {own}: no drive, it {follows} (an equality constraint)"
+    if gains.passive:
+        yield f"no drive, as told: {join_names(gains.passive)}"
+    if not drives:
+        yield "no joint needed a drive"
+
+
+def _describe_speeds(name: str) -> Iterator[str]:
+    """The limits of speed that a URDF states and MJCF has no place for."""
+    root = parse(Path(name).read_text(errors="replace"), "", name).root()
+    speeds = []
+    for joint in root.elements() if root.tag == "robot" else ():
+        unit = "m/s" if joint.get("type") == "prismatic" else "rad/s"
+        for limit in joint.elements() if joint.tag == "joint" else ():
+            if limit.tag == "limit" and (speed := limit.get("velocity")):
+                speeds.append(f"{quote_name(joint.get('name') or '')} {speed} {unit}")
+    if speeds:
+        yield f"limits of speed, for which MJCF has no place: {', '.join(speeds)}"

@@ -1,0 +1,209 @@
+"""A URDF becomes a model that can be driven, checked and diagnosed."""
+
+import json
+import re
+
+import mujoco
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from selfheal.cli import app
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from selfheal.preparation.contacts import POSES, draw_pose, find_touching_pairs
+from selfheal.recording import load_model, write
+from tests.support.mjcf_models import CUBE, write_file
+from tests.support.recorded_robots import Robot, record
+
+INERTIAL = """<inertial><origin xyz="0 0 0.1"/><mass value="1"/>
+  <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>"""
+ARM = f"""<robot name="arm">
+  <link name="base"><collision><origin xyz="0 0 0.1"/><geometry>
+    <cylinder radius="0.1" length="0.2"/></geometry></collision></link>
+  <link name="upper">{INERTIAL}
+    <visual><geometry><mesh filename="package://arm/meshes/upper.dae"/></geometry>
+    </visual><collision><origin xyz="0 0 0.1"/><geometry>
+    <cylinder radius="0.04" length="0.25"/></geometry></collision></link>
+  <link name="lower">{INERTIAL}</link>
+  <link name="finger">{INERTIAL}</link>
+  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.2"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="30" velocity="3.5"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0 0 0.3"/><axis xyz="0 1 0"/></joint>
+  <joint name="grip" type="prismatic"><parent link="lower"/><child link="finger"/>
+    <origin xyz="0 0 0.3"/><axis xyz="1 0 0"/>
+    <limit lower="0" upper="0.05" effort="5" velocity="0.2"/>
+    <mimic joint="elbow" multiplier="0.01" offset="0.02"/></joint>
+</robot>
+"""
+SEEN = """<mujoco><asset><mesh name="skin" file="skin.stl"/><mesh file="cube.obj"/>
+  </asset><worldbody><body name="link"><joint name="hinge"/><geom size="0.1"/>
+  <geom type="mesh" mesh="{}" contype="0" conaffinity="0" mass="0"/></body></worldbody>
+</mujoco>"""
+
+
+def _run(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, result.output
+    return result.output
+
+
+def _prepare(text, tmp_path, *options, name="robot.urdf"):
+    """The compiled model that the command makes of a text, and what it says."""
+    path, out = write_file(tmp_path / name, text), tmp_path / "out" / "m.xml"
+    said = _run("model", "prepare", path, "--out", out, *options)
+    return mujoco.MjModel.from_xml_path(str(out)), said
+
+
+def test_a_urdf_gets_servos_where_joints_are_free_to_be_driven(tmp_path):
+    model, said = _prepare(ARM, tmp_path, "--kp", 60, "--kv", 2, "--kp", "elbow=20")
+    assert [model.actuator(a).name for a in range(model.nu)] == ["shoulder", "elbow"]
+    np.testing.assert_allclose(model.actuator_gainprm[:, 0], [60, 20])
+    np.testing.assert_allclose(model.actuator_biasprm[:, 1:3], [[-60, -2], [-20, -2]])
+    np.testing.assert_allclose(model.actuator_forcerange, [[-30, 30], [0, 0]])
+    assert list(model.jnt_actfrclimited[:2]) == [0, 0]  # stated once
+    np.testing.assert_allclose(model.eq_data[0, :2], [0.02, 0.01])
+    for words in ("'grip': no drive, it follows 'elbow'", "'shoulder' 3.5 rad/s",
+                  "'world' and 'upper'", "upper.dae", "-30 to 30 N m"):  # fmt: skip
+        assert words in said
+
+
+def test_a_servo_without_a_known_damping_is_damped_critically(tmp_path):
+    model, said = _prepare(ARM, tmp_path, "--kp", 60)
+    for a, (kp, kv) in enumerate(-model.actuator_biasprm[:, 1:3]):
+        inertia = model.dof_M0[model.jnt_dofadr[model.actuator_trnid[a, 0]]]
+        assert kv == pytest.approx(2 * np.sqrt(kp * inertia), rel=1e-3)
+    assert said.count("critical") == model.nu
+
+
+def test_motors_are_driven_by_torques(tmp_path):
+    model, _ = _prepare(ARM, tmp_path, "--motors", "--passive", "elbow")
+    assert [model.actuator(a).name for a in range(model.nu)] == ["shoulder"]
+    assert model.actuator_gainprm[0, 0] == 1 and not model.actuator_biasprm.any()
+
+
+def test_check_and_diagnose_read_what_was_prepared(tmp_path):
+    _prepare(ARM, tmp_path, "--kp", 60)
+    out = tmp_path / "out" / "m.xml"
+    signals = {j: ("joint_position", j, "rad") for j in ("shoulder", "elbow")}
+    robot = Robot(
+        out.read_text(), signals,
+        lambda t, rng: 0.2 * np.sin(3 * t)[:, None] * np.ones(2),
+        lambda rng: (np.array([0, 0, 0.02]), np.zeros(3)),
+    )  # fmt: skip
+    recording = record(robot, episodes=1, seconds=0.5)
+    write(recording, tmp_path / "r.h5")
+    told = _run("recording", "check", tmp_path / "r.h5", "--model", out)
+    assert "keeps the contract and fits" in told
+    simulator = build_simulator(ModelCompiler(str(out)), [recording])
+    assert {c.name for c in simulator.channels} == {"shoulder", "elbow"}
+
+
+def test_bodies_that_touch_in_every_pose_no_longer_do(tmp_path):
+    model, _ = _prepare(ARM, tmp_path, "--kp", 60)
+    data, rng = mujoco.MjData(model), np.random.default_rng(1)
+    for _ in range(POSES):
+        data.qpos[:] = draw_pose(model, rng)
+        mujoco.mj_fwdPosition(model, data)
+        assert data.ncon == 0
+        low, high = model.jnt_range[0]
+        assert low <= data.qpos[0] <= high
+        assert data.qpos[2] == pytest.approx(0.02 + 0.01 * data.qpos[1])
+
+
+def test_what_touches_at_times_or_where_a_free_body_lies_stays():
+    ball = '<geom name="{}" size="0.1" pos="{} 0 0"/>'
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+        <body name="car"><freejoint/>{ball.format("belly", 0)}</body>
+        <body name="arm" pos="5 0 5"><joint axis="0 1 0"/>{ball.format("a", 1)}</body>
+        <body name="leg" pos="5 0 5"><joint axis="0 1 0"/>{ball.format("b", 1)}</body>
+        </worldbody></mujoco>"""
+    )
+    assert find_touching_pairs(model) == []
+
+
+def test_a_base_is_welded_and_keyframes_that_no_longer_fit_go(tmp_path):
+    text = """<mujoco><worldbody><body name="trunk" pos="0 0 1"><freejoint/>
+      <geom size="0.1"/><body name="leg" pos="0 0 -0.3"><joint name="hip"/>
+      <geom size="0.05"/></body></body></worldbody>
+      <keyframe><key name="home" qpos="0 0 1 1 0 0 0 0.5"/><key name="rest" qpos="0.5"/>
+      </keyframe></mujoco>"""
+    model, said = _prepare(text, tmp_path, "--kp", 5, "--weld-base", name="m.xml")
+    assert (model.nq, model.nkey, model.key(0).name) == (1, 1, "rest")
+    np.testing.assert_allclose(model.body("trunk").pos, [0, 0, 1])
+    assert "'trunk' is fixed" in said and "'home': its qpos has 8 numbers" in said
+
+
+def test_driven_joints_keep_their_actuators(tmp_path):
+    text = """<mujoco><worldbody><body><joint name="a"/><geom size="0.1"/>
+      <body><joint name="b"/><geom size="0.1"/></body></body></worldbody>
+      <actuator><motor name="m" joint="a"/></actuator></mujoco>"""
+    model, _ = _prepare(text, tmp_path, "--kp", 5, name="m.xml")
+    assert [model.actuator(a).name for a in range(model.nu)] == ["m", "b"]
+
+
+def test_a_mesh_that_is_only_seen_may_be_missing_or_unreadable(tmp_path):
+    write_file(tmp_path / "cube.obj", CUBE.format(1))
+    path = write_file(tmp_path / "seen.xml", SEEN.format("skin"))
+    given = load_model(path)
+    assert (given.ngeom, given.nmesh) == (1, 0)
+    assert ModelCompiler(str(path)).compile_variant(()).model.ngeom == 1
+    model, said = _prepare(SEEN.format("skin"), tmp_path, "--motors", name="m.xml")
+    assert model.nu == 1 and "skin.stl" in said
+
+
+def test_meshes_are_found_from_where_the_model_goes(tmp_path):
+    """Of a package that the URDF lies in, too."""
+    write_file(tmp_path / "arm" / "meshes" / "c.obj", CUBE.format(0.1))
+    mesh = '<mesh filename="package://arm/meshes/c.obj"/>'
+    text = ARM.replace('<cylinder radius="0.04" length="0.25"/>', mesh)
+    model, _ = _prepare(text, tmp_path, "--kp", 1, name="arm/urdf/arm.urdf")
+    assert model.nmesh == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options", "words"),
+    [
+        ("a.urdf.xacro", ARM, ["--kp", "1"], "run xacro first: xacro .*> a.urdf"),
+        ("a.urdf", ARM.replace("</robot>", "<xacro:arm/></robot>"), ["--motors"],
+         "run xacro first"),
+        ("a.urdf", ARM, [], "--kp VALUE"),
+        ("a.urdf", ARM, ["--kp", "elbow=3"], "'shoulder' has no --kp"),
+        ("a.urdf", ARM, ["--kp", "3", "--kp", "knee=3"], "'knee'; valid: elbow, sho"),
+        ("a.urdf", ARM, ["--kp", "stiff"], "--kp stiff: would fit: a number"),
+        ("a.urdf", ARM.replace('<cylinder radius="0.04" length="0.25"/>',
+         '<mesh filename="package://arm/c.stl"/>'), ["--kp", "1"], "c.stl"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_prepared_is_refused_and_nothing_written(
+    name, text, options, words, tmp_path
+):
+    path, out = write_file(tmp_path / name, text), tmp_path / "m.xml"
+    arguments = ["model", "prepare", str(path), "--out", str(out), *options]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2 and not out.exists()
+    assert re.search(words, " ".join(result.output.split()))
+
+
+def test_xacro_is_told_apart_wherever_a_model_is_read(tmp_path, monkeypatch):
+    write_file(tmp_path / "a.xacro", ARM)
+    write_file(tmp_path / "log.csv", "time,shoulder\n0,0\n")
+    files = [tmp_path / name for name in ("log.csv", "a.xacro", "map.toml")]
+    said = _run("recording", "import", files[0], "--guess", "--model", files[1],
+                "--out", files[2], code=2)  # fmt: skip
+    assert "run xacro first" in said
+
+
+def test_the_steps_are_there_for_scripts(tmp_path):
+    path = write_file(tmp_path / "a.urdf", ARM)
+    out = tmp_path / "m.xml"
+    told = json.loads(
+        _run("model", "prepare", path, "--motors", "--out", out, "--json")
+    )
+    assert told["format"] == "selfheal-prepare" and told["out"] == str(out)
+    assert any("grip" in step for step in told["steps"])
+    _run("model", "prepare", path, "--motors", "--out", out, code=2)
+    _run("model", "prepare", path, "--motors", "--out", out, "--force")
