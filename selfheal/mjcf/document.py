@@ -42,8 +42,21 @@ class MjcfDocument:
         newline: how the main file ends its lines.
     """
 
-    def __init__(self, path: str | os.PathLike[str], text: str | None = None) -> None:
-        """`text`: that stands for the file's, in its folder."""
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        text: str | None = None,
+        in_place: bool = False,
+    ) -> None:
+        """Read a model's files.
+
+        Args:
+            path: of the model.
+            text: that stands for the file's, in its folder.
+            in_place: whether files in the model's folder are edited where they are,
+                in place of being inlined.
+        """
+        self._in_place, self._included = in_place, dict[str, Element]()
         self.path = os.fspath(path)
         self.home = os.path.realpath(os.path.dirname(os.path.abspath(path)))
         text = _read_text(self.path) if text is None else text
@@ -67,11 +80,25 @@ class MjcfDocument:
             if os.path.realpath(path) in seen:  # MuJoCo refuses it too
                 raise ModelError(f"{self.path}: {path} is included twice")
             seen.add(os.path.realpath(path))
-            text = _read_text(path).removeprefix("\ufeff")
-            text = text.replace("\r\n", "\n").replace("\n", self.newline)
+            text = _read_text(path)
+            if not (is_own := self._is_edited(path)):
+                text = text.removeprefix("\ufeff").replace("\r\n", "\n")
+                text = text.replace("\n", self.newline)
             element.included = parse(text, os.path.dirname(path), path)
             element.included.parent = element
+            if is_own:
+                self._included[os.path.relpath(path, self.home)] = element.included
             stack += _find_includes(element.included)[::-1]
+
+    def _is_edited(self, path: str) -> bool:
+        """Whether an included file is edited where it is."""
+        inside = os.path.relpath(path, self.home)
+        return self._in_place and not inside.startswith(os.pardir)
+
+    def list_texts(self) -> dict[str, str]:
+        """Texts of the edited files, by their paths from the model's folder."""
+        files = {os.path.basename(self.path): self.file, **self._included}
+        return {name: file.to_text() for name, file in files.items()}
 
     def list_sections(self, tag: str) -> list[Element]:
         """The model's outermost elements of a tag."""
@@ -123,10 +150,15 @@ class MjcfDocument:
         )
 
     def inline(self, element: Element) -> Element:
-        """Inline the files that hold an element, in place of their `<include>`."""
+        """Inline the files that hold an element, in place of their `<include>`.
+
+        A file that is edited where it is stays there.
+        """
         for include in element.list_includes():
             file, above = include.included, include.parent
             assert file and above
+            if file in self._included.values():
+                continue
             indent, root = find_indentation(include), file.root()
             margin = "" if indent is None else self.newline + indent
             at = file.children.index(root)

@@ -11,7 +11,7 @@ from ..errors import ModelError
 from .asset_paths import relocate_paths
 from .document import SECTIONS, SETTINGS, MjcfDocument, name_of
 from .element_ids import ElementIds
-from .xml_text import Element
+from .xml_text import Element, format_path
 
 _HALF_ULP = 2.0**-25  # of a single-precision number, relative (IEEE 754)
 
@@ -118,6 +118,7 @@ def unified_diff(given: str, new: str, name: str) -> str:
     Returns:
         The diff; empty where the texts are equal.
     """
+    name = format_path(name)
     old, now = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
     lines = difflib.unified_diff(old, now, f"a/{name}", f"b/{name}")
     return "".join(
@@ -147,14 +148,36 @@ def apply_edits(
         UnknownNameError: a tag that no edit can speak of.
     """
     tree = MjcfDocument(path)
+    _edit_document(tree, edits)
+    relocate_paths(tree, os.path.realpath(folder))
+    return tree.file.to_text()
+
+
+def diff_edits(path: str | os.PathLike[str], edits: Sequence[Edit]) -> str:
+    """Unified diff of what edits change in the model's own files, in its folder.
+
+    Args:
+        path: an MJCF, or a URDF, which MuJoCo first turns into one.
+        edits: as of `apply_edits`; so are the errors.
+
+    Returns:
+        The diff, in which an included file below the model's folder is one of its own.
+    """
+    tree = MjcfDocument(path, in_place=True)
+    given = tree.list_texts()
+    _edit_document(tree, edits)
+    new = tree.list_texts()
+    return "".join(unified_diff(given[name], new[name], name) for name in given)
+
+
+def _edit_document(tree: MjcfDocument, edits: Sequence[Edit]) -> None:
+    """Make edits in a document; ids are those of the model as given."""
     ids = ElementIds(tree)
     found = [
         None if isinstance(e.name, str) else ids.find(e.tag, e.name) for e in edits
     ]
     for edit, element in zip(edits, found, strict=True):
         _apply_edit(tree, edit, element)
-    relocate_paths(tree, os.path.realpath(folder))
-    return tree.file.to_text()
 
 
 def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:

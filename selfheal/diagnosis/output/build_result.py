@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import ModelError
 from ...mjcf.defaults import fold_into_defaults
-from ...mjcf.edit import Edit, apply_edits, unified_diff
+from ...mjcf.edit import Edit, apply_edits, diff_edits
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
@@ -176,7 +176,7 @@ def build_patch(
     if folded != changes and is_same_model(compile_patched(path, folded), patched):
         changes = folded
     text = apply_edits(path, changes, home)
-    return text, unified_diff(apply_edits(path, (), home), text, path.name), changes
+    return text, diff_edits(path, changes), changes
 
 
 def _make_traces(

@@ -35,7 +35,6 @@ class ModelSource:
         self.spec = compile_patched(path, ())
         self.degree = bool(self.spec.compiler.degree)
         self._actuators = list_tags(path, "actuator")
-        self._inertials = {name for name, _ in list_tags(path, "inertial")}
 
     def actuator_tag(self, name: str, index: int) -> str:
         """The tag of an actuator ("position"), by its name or else its id."""
@@ -43,16 +42,20 @@ class ModelSource:
         unnamed = [tag for _, tag in self._actuators[index : index + 1]]
         return (named or unnamed or ["general"])[0]
 
-    def states_inertia(self, body: str) -> bool:
-        """Whether a body has an <inertial>."""
-        return body in self._inertials
+    def states_inertia(self, body: int) -> bool:
+        """Whether a body, by its id, has an <inertial>."""
+        return bool(self.spec.bodies[body].explicitinertial)
 
     @property
     def overrides_masses(self) -> bool:
         """Whether the compiler replaces the masses that the bodies state."""
-        compiler = self.spec.compiler
-        always = int(compiler.inertiafromgeom) == INERTIA_FROM_GEOM
-        return always or compiler.settotalmass > 0
+        always = int(self.spec.compiler.inertiafromgeom) == INERTIA_FROM_GEOM
+        return always or self.scales_masses
+
+    @property
+    def scales_masses(self) -> bool:
+        """Whether the compiler scales all masses to a total."""
+        return bool(self.spec.compiler.settotalmass > 0)
 
     def resolve_orientation(self, quat: Floats, alt: Any) -> Floats:
         """The quaternion (4) of an element, in whatever form the text states it.

@@ -14,6 +14,9 @@ TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # share of the largest moment below which a product of inertia is rounding; chosen
 MIN_PRODUCT_SHARE = 1e-7
 SIZES = {2: 1, 3: 2, 5: 2}  # numbers of a size: mjtGeom sphere, capsule, cylinder
+# which number of a size is half of what `fromto` says; 2 of ellipsoids and boxes
+HALF_LENGTHS = {3: 1, 5: 1}
+ROUNDING = 1e-12  # share of a vector's largest number below which one is rounding
 
 
 def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
@@ -32,7 +35,8 @@ def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
     if source.overrides_masses and any(changed):
         compiler = {"inertiafromgeom": "auto", "settotalmass": None}
         yield Set("compiler", "", compiler)
-        changed = [True] * new.nbody  # what they stated did not count so far
+        for b in range(new.nbody):  # what they stated did not count so far
+            changed[b] |= source.scales_masses or source.states_inertia(b)
     for b in range(1, new.nbody):
         if differs(old.body_pos[b], new.body_pos[b]):
             element = source.spec.bodies[b]
@@ -54,22 +58,52 @@ def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit
         new: compiled, as the text is to be.
         body: its id.
     """
-    attributes: dict[str, str | None] = {
-        "pos": format_number(new.body_ipos[body]),
-        "quat": format_number(new.body_iquat[body]),
-        "mass": format_number(new.body_mass[body]),
-        "diaginertia": format_number(new.body_inertia[body]),
-    }
-    if not source.states_inertia(str(name)):
-        xml = " ".join(f'{k}="{v}"' for k, v in attributes.items())
+    place, turn = (_drop_rounding(v[body]) for v in (new.body_ipos, new.body_iquat))
+    if not source.states_inertia(body):
+        attributes = {"pos": place, "quat": turn, "mass": new.body_mass[body],
+                      "diaginertia": new.body_inertia[body]}  # fmt: skip
+        xml = " ".join(f'{k}="{format_number(v)}"' for k, v in attributes.items())
         return Insert("body", name, f"<inertial {xml}/>", first=True)
-    moments = _stated_axes_inertia(source, source.spec.bodies[body], new, body)
+    element = source.spec.bodies[body]
+    changes: dict[str, str | None] = {}
+    if differs(element.ipos, place):
+        changes["pos"] = format_number(place)
+    if differs(element.mass, new.body_mass[body]):
+        changes["mass"] = format_number(new.body_mass[body])
+    return Set("inertial", name, changes | _edit_moments(source, element, new, body))
+
+
+def _edit_moments(
+    source: ModelSource, element: Any, new, body: int
+) -> dict[str, str | None]:
+    """Attributes of a stated inertia's moments, in the form that the text has.
+
+    Args:
+        source: what the text states.
+        element: of the body in the spec.
+        new: compiled, as the text is to be.
+        body: its id.
+    """
+    import mujoco
+
+    if np.isfinite(element.fullinertia[0]):
+        axes = np.empty(9)
+        mujoco.mju_quat2Mat(axes, new.body_iquat[body])
+        turn = axes.reshape(3, 3)
+        tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
+        full = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        close = MIN_PRODUCT_SHARE * full.max()
+        if np.abs(full - element.fullinertia).max() <= close:
+            return {}
+        return {"fullinertia": format_number(_drop_rounding(full))}
+    moments = _stated_axes_inertia(source, element, new, body)
     if moments is None:
-        attributes |= {"fullinertia": None, **TURNED}
-    else:
-        attributes |= {"diaginertia": format_number(moments)}
-        del attributes["quat"]
-    return Set("inertial", name, attributes)
+        quat = _drop_rounding(new.body_iquat[body])
+        inertia = format_number(new.body_inertia[body])
+        return {**TURNED, "quat": format_number(quat), "diaginertia": inertia}
+    if not differs(element.inertia, moments):
+        return {}
+    return {"diaginertia": format_number(moments)}
 
 
 def _stated_axes_inertia(
@@ -88,8 +122,6 @@ def _stated_axes_inertia(
     """
     import mujoco
 
-    if np.isfinite(element.fullinertia[0]):
-        return None
     now, given = np.empty(9), np.empty(9)
     mujoco.mju_quat2Mat(now, new.body_iquat[body])
     mujoco.mju_quat2Mat(given, source.resolve_orientation(element.iquat, element.ialt))
@@ -109,39 +141,67 @@ def _moved_position(source: ModelSource, element: Any, old: Floats, new: Floats)
         old: (3) its compiled position before [m].
         new: (3) its compiled position after [m].
     """
-    import mujoco
-
-    _, turn = source.resolve_frame(element)
-    back, way = np.empty(4), np.empty(3)
-    mujoco.mju_negQuat(back, turn)
-    mujoco.mju_rotVecQuat(way, new - old, back)
-    return format_number(element.pos + way)
+    return _format_moved(element.pos, _turn_into_frame(source, element, new - old))
 
 
-def _placed_attributes(
-    source: ModelSource, element: Any, pos: Floats, quat: Floats
+def _moved_ends(
+    source: ModelSource, element: Any, moved: Floats, grown: float
 ) -> dict[str, str | None]:
-    """The `pos` and `quat` of an element, in the place of its `fromto`.
+    """The `fromto` of an element that has moved in its body.
 
     Args:
         source: what the text states.
         element: of the spec.
-        pos: (3) its position in its body [m].
-        quat: (4) its orientation in its body.
+        moved: (3) the way of its middle, in the axes of the body [m].
+        grown: its new length over the old one.
     """
+    way, ends = _turn_into_frame(source, element, moved), np.array(element.fromto)
+    half = (grown - 1) / 2 * (ends[3:] - ends[:3])
+    return {"fromto": _format_moved(ends, np.concatenate([way - half, way + half]))}
+
+
+def _turn_into_frame(source: ModelSource, element: Any, way: Floats) -> Floats:
+    """A way (3) in the axes of a body [m], in those of the <frame>s in it."""
     import mujoco
 
-    place, turn = source.resolve_frame(element)
-    back, its, at = np.empty(4), np.empty(4), np.empty(3)
+    _, turn = source.resolve_frame(element)
+    back, turned = np.empty(4), np.empty(3)
     mujoco.mju_negQuat(back, turn)
-    mujoco.mju_mulQuat(its, back, quat)
-    mujoco.mju_rotVecQuat(at, pos - place, back)
-    return {
-        "fromto": None,
-        **TURNED,
-        "pos": format_number(at),
-        "quat": format_number(its),
-    }
+    mujoco.mju_rotVecQuat(turned, way, back)
+    return turned
+
+
+def _format_moved(given: Any, way: Floats) -> str:
+    """Numbers (N) of a text after a way (N), each as given where it has not moved."""
+    return format_number(np.array(given) + _drop_rounding(way))
+
+
+def _drop_rounding(vector: Floats) -> Floats:
+    """A vector (N) with zeros for what is nothing but rounding beside its largest."""
+    size = np.abs(vector)
+    return np.where(size > ROUNDING * size.max(), vector, 0.0)
+
+
+def _edit_span(
+    source: ModelSource, element: Any, kind: int, moved: Floats, sizes: list[Floats]
+) -> dict[str, str | None]:
+    """Attributes of a geom or site that is stated by `fromto` and differs.
+
+    Args:
+        source: what the text states.
+        element: of the spec.
+        kind: mjtGeom of it.
+        moved: (3) the way of its middle, in the axes of the body [m].
+        sizes: (3) before and after [m].
+    """
+    half = HALF_LENGTHS.get(kind, 2)
+    old, new = sizes
+    attributes = {}
+    if moved.any() or differs(old[half], new[half]):
+        attributes = _moved_ends(source, element, moved, new[half] / old[half])
+    if differs(old[:half], new[:half]):
+        attributes["size"] = format_number(new[:half])
+    return attributes
 
 
 def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
@@ -157,16 +217,16 @@ def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
         element = source.spec.geoms[g]
         moved = differs(old.geom_pos[g], new.geom_pos[g])
         grown = differs(old.geom_size[g], new.geom_size[g])
-        if (moved or grown) and np.isfinite(element.fromto[0]):
-            attributes |= _placed_attributes(
-                source, element, new.geom_pos[g], new.geom_quat[g]
-            )
-            attributes["size"] = _format_size(new, g)
+        if np.isfinite(element.fromto[0]) and (moved or grown):
+            way = new.geom_pos[g] - old.geom_pos[g] if moved else np.zeros(3)
+            sizes = [m.geom_size[g] for m in (old, new)]
+            attributes |= _edit_span(source, element, int(new.geom_type[g]), way, sizes)
         elif moved:
             attributes["pos"] = _moved_position(
                 source, element, old.geom_pos[g], new.geom_pos[g]
             )
-        if grown and old.geom_dataid[g] < 0:  # a mesh keeps its size
+        # a mesh keeps its size
+        if grown and old.geom_dataid[g] < 0 and "fromto" not in attributes:
             attributes["size"] = _format_size(new, g)
         for field, attribute in (
             ("geom_friction", "friction"), ("geom_solref", "solref"),
@@ -198,10 +258,8 @@ def edit_sites(source: ModelSource, old, new) -> Iterator[Edit]:
             continue
         element = source.spec.sites[s]
         if np.isfinite(element.fromto[0]):
-            attributes = _placed_attributes(
-                source, element, new.site_pos[s], new.site_quat[s]
-            )
-            attributes["size"] = format_number(new.site_size[s])
+            way = new.site_pos[s] - old.site_pos[s]
+            attributes = _moved_ends(source, element, way, 1.0)
         else:
             pos = _moved_position(source, element, old.site_pos[s], new.site_pos[s])
             attributes = {"pos": pos}

@@ -1,8 +1,11 @@
 """A diagnosed change as text: whichever way a user writes the same robot."""
 
 import re
+import shutil
+import subprocess
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -31,6 +34,7 @@ def _driven(kind: str, more: str = "") -> str:
     return _put(ELBOW, f'<{kind} name="elbow_servo" joint="elbow" {more}/>')
 
 
+GEOM_MASSES = 'angle="radian" inertiafromgeom="true"'
 INERTIAL = (
     '<inertial pos="0.1 0 0.01" mass="0.2" diaginertia="1e-4 3e-4 2.5e-4" {}="{}"/>'
 )
@@ -119,6 +123,29 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
         ),
         {},
     ),
+    "a full inertia": (
+        _put(
+            '<joint name="elbow"',
+            '<inertial pos="0.1 0 0.01" mass="0.2" fullinertia="1e-4 3e-4 2.5e-4 1e-5 '
+            '2e-5 0"/><joint name="elbow"',
+        ),
+        {},
+    ),
+    "a body without a name": (
+        _put(
+            '<body name="lower" pos="0.2 0 0">',
+            f'<body pos="0.2 0 0">{INERTIAL.format("quat", "1 1 0 0")}',
+        ),
+        {},
+    ),
+    "a box between two points": (
+        _put(
+            '<geom name="lower" type="capsule" fromto="0 0 0 0.2 0 0" size="0.02"',
+            '<site type="cylinder" fromto="0 0 0.01 0.1 0 0.01" size="0.01"/><geom '
+            'name="lower" type="box" fromto="0.2 0 0 0 0 0" size="0.02 0.01"',
+        ),
+        {},
+    ),
     "fused bodies": (
         _put(
             '<body name="upper" pos="0 0 1">',
@@ -153,6 +180,46 @@ WAYS: dict[str, tuple[str, dict[str, str]]] = {
         {},
     ),
 }
+LOWER = '<include file="parts/lower.xml"/>'
+(LOWER_BODY,) = re.findall(r'      <body name="lower".*?</body>\n', ARM, flags=re.S)
+# texts of which one number is changed: the model, and the files that it includes
+SPELLINGS: dict[str, tuple[str, dict[str, str]]] = {
+    name: WAYS[name]
+    for name in ("plain", "included bodies", "frames", "degrees", "a bare ampersand")
+} | {
+    "an included file that includes one": (
+        _put(BODIES, '<include file="b.xml"/>'),
+        {
+            "b.xml": f"<mujoco>{BODIES.replace(LOWER_BODY, LOWER)}</mujoco>",
+            "parts/lower.xml": f"<mujocoinclude>{LOWER_BODY}</mujocoinclude>",
+        },
+    ),
+    "lines that end as on Windows": (
+        _put(LOWER_BODY, LOWER),
+        {
+            "parts/lower.xml": f"<mujocoinclude>\n{LOWER_BODY}</mujocoinclude>".replace(
+                "\n", "\r\n"
+            )
+        },
+    ),
+    "comments, odd spaces and quotes": (
+        _put(
+            '<joint name="elbow" type="hinge" axis="0 1 0" damping="0.03" '
+            'armature="0.005"/>',
+            "<!-- the elbow -->\t<joint  name = 'elbow'\n\n axis='0  1 0'  damping = "
+            "'3e-2'   armature='0.0050'\n   /><!-- damping 0.03 -->",
+        ),
+        {},
+    ),
+    "a default class": (
+        _put(
+            RADIAN,
+            f'{RADIAN}<default><joint damping="0.03"/></default>',
+            _put('damping="0.03" ', ""),
+        ),
+        {},
+    ),
+}
 EFFECTS = (
     "coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload",
     "link_length", "torque_saturation",
@@ -163,10 +230,11 @@ EFFECTS = (
 def written(tmp_path):
     """Writes a robot in one of the ways; gives what a diagnosis has of it."""
 
-    def write(way):
-        text, files = WAYS[way]
-        for name, content in {"model.xml": text, **files}.items():
-            (tmp_path / name).write_text(content)
+    def write(way, text=""):
+        given, files = (WAYS | SPELLINGS)[way]
+        for name, content in {"model.xml": text or given, **files}.items():
+            (tmp_path / name).parent.mkdir(exist_ok=True)
+            (tmp_path / name).write_bytes(content.encode())
         recording = record(ROBOTS["arm"], episodes=1, seconds=0.3)
         simulator = build_simulator(
             ModelCompiler(str(tmp_path / "model.xml")), [recording]
@@ -241,12 +309,61 @@ def test_an_inertia_keeps_the_axes_of_the_model(written, tmp_path):
         assert 'quat="1 1 0 0"' in inertial and "1e-4 3e-4" not in inertial
 
 
-def test_a_change_of_one_number_changes_one_line(written, tmp_path):
-    case = written("frames")
-    term = find_effect("coulomb_friction").propose_terms(case.robot)[0]
-    _, diff, _ = build_patch(case, (term,), np.array([0.1]))
-    changed = [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
-    assert len(changed) == 2 and 'frictionloss="0.1"' in changed[1]
+def _list_changes(diff: str) -> list[str]:
+    return [d for d in diff.splitlines() if re.match(r"[+-](?![+-])", d)]
+
+
+@pytest.mark.parametrize("way", SPELLINGS)
+def test_a_change_of_one_number_changes_one_line(way, written, tmp_path):
+    """Of the file that states it; the files then say what the patch does."""
+    case = written(way)
+    (term,) = [
+        t
+        for t in build_nominal_terms(case.robot)
+        if t.targets == ("joint:elbow/damping",)
+    ]
+    text, diff, _ = build_patch(case, (term,), np.array([1.2]))
+    old, new = _list_changes(diff)
+    assert "0.036" in new and "damping" in new
+    same = (
+        new[1:].replace("0.036", "{}"),
+        re.sub(r"0\.03\b|3e-2", "{}", old[1:], count=1),
+    )
+    assert same[0].split() == same[1].split() or way == "a default class"
+    if git := shutil.which("git"):
+        (tmp_path / "patched.diff").write_bytes(diff.encode())
+        apply = [git, "apply", "--whitespace=nowarn", "patched.diff"]
+        subprocess.run(apply, cwd=tmp_path, check=True)
+        (tmp_path / "patched.xml").write_text(text)
+        check_same_robot(
+            *(
+                mujoco.MjModel.from_xml_path(str(tmp_path / name))
+                for name in ("model.xml", "patched.xml")
+            )
+        )
+
+
+def test_a_longer_link_stays_between_its_points(written):
+    case = written("a box between two points")
+    length = next(
+        t
+        for t in find_effect("link_length").propose_terms(case.robot)
+        if "lower" in t.label
+    )
+    _, diff, _ = build_patch(case, (length,), np.array([0.125]))
+    added = [c for c in _list_changes(diff) if c.startswith("+")]
+    assert any('fromto="0.25 0 0 0 0 0" size="0.02 0.01"' in line for line in added)
+    assert not any("e-1" in line for line in added)  # rounding
+
+
+def test_masses_that_did_not_count_stay_where_they_count_neither(written):
+    """Of two bodies without an <inertial>, one gets one."""
+    case = written("plain", _put('angle="radian"', GEOM_MASSES))
+    (term,) = [
+        t for t in build_nominal_terms(case.robot) if t.targets == ("body:upper/mass",)
+    ]
+    text, diff, _ = build_patch(case, (term,), np.array([1.1]))
+    assert len(_list_changes(diff)) == 3 and text.count("<inertial") == 1
 
 
 def test_a_patch_that_mujoco_refuses_is_never_written(written, monkeypatch):
