@@ -26,7 +26,6 @@ _NO_CHECK = typer.Option(
     help="A fault of logs to let pass, as `sign`.",
     autocompletion=complete(list_faults),
 )
-_FILES = ("diagnosis.json", "patched.xml", "patched.diff", "report.html")
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
 # what is said of a stage, by the first word of what is being done
 _STAGES = {
@@ -154,6 +153,7 @@ class _StageProgress:
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     """The verdict, the findings, the errors, the files."""
+    from selfheal.diagnosis.output.storage import FILES, URDF
     from selfheal.report.phrases import state_verdict
 
     print_text(state_verdict(found.document), "bold", is_wrapped=False)
@@ -161,8 +161,9 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     _print_fit(found.document["fit"])
     for remark in found.remarks:
         print_line(f"note: {remark}")
-    for name in _FILES:
-        print_line(os.fspath(folder / name))
+    for name in (*FILES, URDF):
+        if (folder / name).exists():
+            print_line(os.fspath(folder / name))
 
 
 def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
@@ -253,19 +254,20 @@ def _check_replay(
     folder: Path, inputs: Path, out: Path, model: Path | None, force: bool
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
+    from selfheal.diagnosis.output.storage import FILES, URDF
     from selfheal.errors import InputError
     from selfheal.files import check_file, check_writable, explain_unreadable
 
-    if not os.path.isfile(folder / _FILES[0]):
+    if not os.path.isfile(folder / FILES[0]):
         raise InputError(
-            f"{folder} is no diagnosis: it has no {_FILES[0]}; make one by 'selfheal "
+            f"{folder} is no diagnosis: it has no {FILES[0]}; make one by 'selfheal "
             "diagnose'"
         )
     if model is not None:
         check_file(model)
     check_file(inputs)
     check_writable(out)
-    used = [inputs, *(folder / name for name in _FILES), *filter(None, [model])]
+    used = [inputs, *(folder / name for name in (*FILES, URDF)), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := explain_unreadable(out)):

@@ -53,19 +53,20 @@ class MjcfDocument:
         Args:
             path: of the model.
             text: that stands for the file's, in its folder.
-            in_place: whether files in the model's folder are edited where they are,
-                in place of being inlined.
+            in_place: whether the user's own files are edited where they are: those in
+                the model's folder are not inlined, and a URDF stays one.
         """
         self._in_place, self._included = in_place, dict[str, Element]()
         self.path = os.fspath(path)
         self.home = os.path.realpath(os.path.dirname(os.path.abspath(path)))
         text = _read_text(self.path) if text is None else text
         self.file = parse(text, self.home, self.path)
-        if self.file.root().tag == "robot":
+        stays_urdf = in_place and self.file.root().tag == "robot"
+        if self.file.root().tag == "robot" and not in_place:
             text = _from_urdf(self.path)
             self.file = parse(text, self.home, self.path)
         self.root = self.file.root()
-        if self.root.tag != "mujoco":
+        if self.root.tag != "mujoco" and not stays_urdf:
             tag = self.root.tag
             raise ModelError(f"{self.path}: <{tag}> is no model; <mujoco> or <robot>")
         self.newline = "\r\n" if "\r\n" in text else "\n"
@@ -254,6 +255,11 @@ class MjcfDocument:
             find_indentation(self.root) or ""
         )
         return self.newline + base + (step or "  ")
+
+
+def is_urdf(path: str | os.PathLike[str]) -> bool:
+    """Whether a model is a URDF; `ModelError`: it is no XML."""
+    return parse(_read_text(os.fspath(path)), "", os.fspath(path)).root().tag == "robot"
 
 
 def _find_includes(file: Element) -> list[Element]:

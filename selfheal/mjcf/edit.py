@@ -157,7 +157,7 @@ def diff_edits(path: str | os.PathLike[str], edits: Sequence[Edit]) -> str:
     """Unified diff of what edits change in the model's own files, in its folder.
 
     Args:
-        path: an MJCF, or a URDF, which MuJoCo first turns into one.
+        path: an MJCF.
         edits: as of `apply_edits`; so are the errors.
 
     Returns:

@@ -1,14 +1,16 @@
 """Folders of a diagnosis, and the score of a model on a recording."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from selfheal.diagnosis.output.result import Diagnosis, Localization
 from selfheal.diagnosis.simulation import score
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
-from selfheal.mjcf.edit import apply_edits
+from selfheal.mjcf.edit import Edit, apply_edits
 from selfheal.recording import Recording
 
 
@@ -20,6 +22,21 @@ def write_empty_diagnosis(folder: Path, model: Path) -> Path:
     (folder / "diagnosis.json").write_text(json.dumps(document))
     (folder / "patched.xml").write_text(apply_edits(model, (), folder))
     return folder
+
+
+def save_diagnosis(
+    path: Path, edits: Sequence[Edit], findings: Sequence[dict] = ()
+) -> Path:
+    """The folder of a diagnosis of a model, of edits and findings that are made up."""
+    document = {"format": "selfheal-diagnosis", "version": 1, "verdict": "explained",
+                "findings": list(findings), "refit": [], "fit": {}}  # fmt: skip
+    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    text = apply_edits(path, edits, path.parent)
+    found = Diagnosis(
+        str(path), document, edits, text, "", (), located, (), (), (), 1.0, 2
+    )
+    found.save(path.parent / "out")
+    return path.parent / "out"
 
 
 def write_finding(out: Path, **finding: object) -> None:

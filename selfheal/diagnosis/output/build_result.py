@@ -10,7 +10,8 @@ import numpy as np
 
 from ...errors import ModelError
 from ...mjcf.defaults import fold_into_defaults
-from ...mjcf.edit import Edit, apply_edits, diff_edits
+from ...mjcf.document import is_urdf
+from ...mjcf.edit import Edit, apply_edits, diff_edits, unified_diff
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
@@ -32,6 +33,7 @@ from .finding_location import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
 from .result import Candidate, Diagnosis, SignalFit, Trace
+from .urdf_patch import explain_urdf
 
 MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
 MAX_TRACES = 4  # stretches that a page may draw; chosen
@@ -87,6 +89,9 @@ def build_diagnosis(
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
+    elif is_urdf(path := dataset.compiler.path):
+        models = (compile_patched(path, each).compile() for each in ((), edits))
+        remarks = (*remarks, *explain_urdf(path, *models))
     return Diagnosis(
         os.path.abspath(dataset.compiler.path),
         doc.to_json_values(document),
@@ -176,6 +181,9 @@ def build_patch(
     if folded != changes and is_same_model(compile_patched(path, folded), patched):
         changes = folded
     text = apply_edits(path, changes, home)
+    if is_urdf(path):  # the page shows what changes in its translation
+        given = apply_edits(path, (), home)
+        return text, unified_diff(given, text, f"{path.stem}.xml"), changes
     return text, diff_edits(path, changes), changes
 
 

@@ -3,18 +3,25 @@
 import os
 import tempfile
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...errors import InputError
+from ...errors import InputError, ModelError
+from ...mjcf.document import is_urdf
 from ...mjcf.edit import Edit, apply_edits
 from ...notebook import Columns, format_columns, make_frame, open_axes
 from ...printable import join_names, make_printable
-from ...recording import Recording, open_recording
+from ...recording import Recording, load_model, open_recording
 from ...recording.data import Floats
 from ..estimation.information import Information
-from .storage import check_folder, write_diagnosis
+from .actuator_configs import format_isaac_lab, format_mjlab, format_yaml
+from .actuators import describe_actuators
+from .document import format_document
+from .model_source import compile_patched
+from .storage import URDF, check_folder, write_diagnosis
+from .urdf_patch import UrdfPatch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -180,10 +187,33 @@ class Diagnosis:
             raise InputError(
                 f"{given} is no longer the model that was diagnosed; diagnose it again"
             )
-        patched = apply_edits(given, self.edits, folder)
-        write_diagnosis(
-            folder, self.document, patched, self.diff, self.page, self.information
-        )
+        texts = {
+            "diagnosis.json": format_document(self.document),
+            "patched.xml": apply_edits(given, self.edits, folder),
+            "patched.diff": self.diff,
+            "report.html": self.page,
+        }
+        texts |= self._write_for_others(folder)
+        write_diagnosis(folder, texts, self.information)
+
+    def _write_for_others(self, folder: Path) -> dict[str, str]:
+        """Texts of the files that other simulators read, by their names."""
+        given = patched = load_model(self.model)
+        if self.edits:  # both in the digits of a text, which a URDF becomes
+            each = ((), self.edits)
+            given, patched = (compile_patched(self.model, e).compile() for e in each)
+        name = os.path.basename(self.model)
+        actuators = describe_actuators(given, patched, self.document, name)
+        texts = {
+            "actuators.yaml": format_yaml(actuators),
+            "actuators_isaaclab.py": format_isaac_lab(actuators),
+            "actuators_mjlab.py": format_mjlab(actuators),
+        }
+        if is_urdf(self.model):
+            with suppress(ModelError):  # a remark says so
+                urdf = UrdfPatch(self.model, given, patched)
+                texts |= {"patched.diff": urdf.diff, URDF: urdf.to_text(folder)}
+        return texts
 
     def simulate(
         self,

@@ -18,16 +18,13 @@ from ...files import check_writable, lock_file, make_write_error
 from ...mjcf.xml_text import encode_text
 from ...schema import load_json
 from ..estimation.information import Information
-from .document import format_document
 from .schema import check_entries
 
+URDF = "patched.urdf"
 FILES = (
-    "diagnosis.json",
-    "patched.xml",
-    "patched.diff",
-    "report.html",
-    "information.h5",
-)
+    "diagnosis.json", "patched.xml", "patched.diff", "report.html", "actuators.yaml",
+    "actuators_isaaclab.py", "actuators_mjlab.py", URDF, "information.h5",
+)  # fmt: skip
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -114,21 +111,13 @@ def _remove_abandoned(folder: Path) -> None:
 
 
 def write_diagnosis(
-    folder: Path,
-    document: Mapping[str, Any],
-    patched: str,
-    diff: str,
-    page: str,
-    information: Information | None,
+    folder: Path, texts: Mapping[str, str], information: Information | None
 ) -> None:
     """Write the files of a diagnosis, all or nothing.
 
     Args:
         folder: that `check_folder` let pass, where a link to it leads.
-        document: diagnosis.json.
-        patched: text of patched.xml, whose paths lead from the folder.
-        diff: patched.diff, from the given model to the patched one beside it.
-        page: report.html.
+        texts: of the files, by their names; those that are no text aside.
         information: information.h5; None: there is none.
 
     Raises:
@@ -137,10 +126,8 @@ def write_diagnosis(
     new = folder.parent / f".{folder.name}.{uuid4().hex[:8]}.tmp"
     try:
         new.mkdir(parents=True)
-        (new / "diagnosis.json").write_text(format_document(document), encoding="utf-8")
-        (new / "patched.xml").write_bytes(encode_text(patched))
-        (new / "patched.diff").write_bytes(encode_text(diff))
-        (new / "report.html").write_text(page, encoding="utf-8")
+        for name, text in texts.items():
+            (new / name).write_bytes(encode_text(text))
         if information:
             _write_information(new / "information.h5", information)
         _replace_folder(new, folder)
@@ -162,8 +149,11 @@ def _write_information(path: Path, information: Information) -> None:
 def _replace_folder(new: Path, folder: Path) -> None:
     """Put a new folder in the place of one that may be there."""
     if folder == Path.cwd():  # a shell in it would be left in a deleted folder
-        for path in new.iterdir():
-            os.replace(path, folder / path.name)
+        for name in FILES:
+            if (new / name).exists():
+                os.replace(new / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
         return
     old = new.with_suffix(".old")
     if folder.exists():

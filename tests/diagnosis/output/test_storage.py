@@ -111,7 +111,7 @@ def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
     out = tmp_path / "out"
     if there:
         _diagnosis(given, page="old").save(out)
-    with pytest.raises(TypeError):
+    with pytest.raises(AttributeError):
         _diagnosis(given, page=None).save(out, force=True)
     assert _names(tmp_path) == (["out"] if there else [])
     if there:
