@@ -10,8 +10,8 @@ from ..errors import ModelError
 from ..files import atomic_path
 from ..limited_reading import explain_dangerous
 from ..mjcf.asset_paths import relocate_paths
-from ..mjcf.document import MjcfDocument, describe_refusal
-from ..mjcf.xml_text import Element, encode_text, parse
+from ..mjcf.document import MjcfDocument, describe_refusal, is_urdf
+from ..mjcf.xml_text import Element, encode_text, format_path, parse
 from ..mujoco_files import refuse_xacro
 from ..printable import join_names, quote_name
 from ..recording import load_model, read_spec
@@ -21,6 +21,7 @@ from .drives import Drive, Gains, build_drives, list_followers
 if TYPE_CHECKING:
     import mujoco
 
+SOURCE = "urdf"  # name of the <text> that says which URDF a model was made of
 SIZED = ("qpos", "qvel", "act", "ctrl", "mpos", "mquat")  # what a keyframe may hold
 
 
@@ -78,6 +79,11 @@ def prepare_model(
         new = document.insert(section, f"<{drive.tag}/>", first=False)
         new.set({"name": drive.joint, "joint": drive.joint, **drive.attributes})
     relocate_paths(document, os.path.realpath(folder))
+    if is_urdf(path):
+        custom = document.get_section("custom")
+        source = document.insert(custom, "<text/>", first=False)
+        place = os.path.relpath(os.path.realpath(path), os.path.realpath(folder))
+        source.set({"name": SOURCE, "data": format_path(place)})
     steps += _describe_joints(model, drives, gains)
     return Preparation(document.file.to_text(), (*steps, *_describe_speeds(name)))
 

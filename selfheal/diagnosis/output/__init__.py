@@ -1,1 +1,1 @@
-"""Output: diagnosis.json, patched.xml, and the replay of both."""
+"""Output: diagnosis.json, patched models, drives for others, and the replay."""

@@ -19,10 +19,10 @@ _ABOUT = (
 _YAML_HELP = (
     "armature in kg m^2; frictionloss, static_friction, dynamic_friction and "
     "effort_limit in N m; stiffness in N m/rad; damping, of the drive, and "
-    "viscous_damping, passive, in N m s/rad; delay in s. At a slide read N for N m and "
-    "m for rad. gear: of a servo its command over the joint's goal, of control by "
-    "effort the effort over the command. identified: what the diagnosis changed; all else the "
-    "model states."
+    "viscous_damping, passive, in N m s/rad; delay in s. At a slide read N for N "
+    "m and m for rad. gear: of a servo its command over the joint's goal, of "
+    "control by effort the effort over the command. identified: what the "
+    "diagnosis changed; all else the model states."
 )
 _ISAAC_HELP = (
     "For Isaac Lab 2.2 or later on Isaac Sim 5, where friction is an effort: "

@@ -37,8 +37,8 @@ def describe_actuators(
         document: diagnosis.json.
         name: of the given model's file.
     """
-    before = _describe_joints(given, _list_joints(given))
-    joints = _describe_joints(patched, list(before))
+    before = describe_joints(given)
+    joints = {n: v for n, v in describe_joints(patched).items() if n in before}
     _add_stribeck(joints, document["findings"])
     joints = {name: values for name, values in joints.items() if values}
     for joint, values in joints.items():
@@ -66,12 +66,10 @@ def _list_joints(model: "mujoco.MjModel") -> list[str]:
     return [name for name in names if name]
 
 
-def _describe_joints(
-    model: "mujoco.MjModel", names: Collection[str]
-) -> dict[str, dict[str, Any]]:
-    """What a model states of joints, by their names."""
+def describe_joints(model: "mujoco.MjModel") -> dict[str, dict[str, Any]]:
+    """What a model states of its hinges and slides, by their names."""
     drives = _find_drives(model)
-    return {name: _describe_joint(model, name, drives) for name in names}
+    return {n: _describe_joint(model, n, drives) for n in _list_joints(model)}
 
 
 def _find_drives(model: "mujoco.MjModel") -> dict[int, list[int]]:
@@ -106,8 +104,8 @@ def _describe_joint(
     stated: dict[str, Any] = {k: _round(v) for k, v in values.items() if v}
     if len(own) == 1:
         stated |= _describe_drive(model, own[0], gears[own[0]])
-        if effort := _find_effort_limit(model, j, own[0], gears[own[0]]):
-            stated["effort_limit"] = effort
+    if len(own) <= 1 and (effort := _find_effort_limit(model, j, gears)):
+        stated["effort_limit"] = effort
     return stated
 
 
@@ -149,26 +147,26 @@ def _describe_drive(
 
 
 def _find_effort_limit(
-    model: "mujoco.MjModel", j: int, actuator: int, gear: float
+    model: "mujoco.MjModel", j: int, gears: Mapping[int, float]
 ) -> float | None:
     """The largest effort at a joint; None where nothing limits it.
 
     Args:
         model: compiled.
         j: id of the joint.
-        actuator: that drives it.
-        gear: of the actuator.
+        gears: of the actuator that drives it, if any.
     """
     limits = []
     if model.jnt_actfrclimited[j]:
         limits.append(np.abs(model.jnt_actfrcrange[j]).max())
-    if model.actuator_forcelimited[actuator]:
-        limits.append(abs(gear) * np.abs(model.actuator_forcerange[actuator]).max())
-    control = int(model.actuator_ctrladr[actuator])
-    is_motor = not model.actuator_biasprm[actuator].any()
-    if is_motor and model.actuator_ctrllimited[control]:
-        force = abs(gear * model.actuator_gainprm[actuator, 0])
-        limits.append(force * np.abs(model.actuator_ctrlrange[control]).max())
+    for actuator, gear in gears.items():
+        if model.actuator_forcelimited[actuator]:
+            limits.append(abs(gear) * np.abs(model.actuator_forcerange[actuator]).max())
+        control = int(model.actuator_ctrladr[actuator])
+        is_motor = not model.actuator_biasprm[actuator].any()
+        if is_motor and model.actuator_ctrllimited[control]:
+            force = abs(gear * model.actuator_gainprm[actuator, 0])
+            limits.append(force * np.abs(model.actuator_ctrlrange[control]).max())
     return _round(min(limits)) if limits else None
 
 

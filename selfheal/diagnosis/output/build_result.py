@@ -33,7 +33,7 @@ from .finding_location import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
 from .result import Candidate, Diagnosis, SignalFit, Trace
-from .urdf_patch import explain_urdf
+from .urdf_patch import explain_urdf, find_urdf
 
 MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
 MAX_TRACES = 4  # stretches that a page may draw; chosen
@@ -89,9 +89,9 @@ def build_diagnosis(
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
-    elif is_urdf(path := dataset.compiler.path):
+    elif urdf := find_urdf(path := dataset.compiler.path):
         models = (compile_patched(path, each).compile() for each in ((), edits))
-        remarks = (*remarks, *explain_urdf(path, *models))
+        remarks = (*remarks, *explain_urdf(urdf, *models))
     return Diagnosis(
         os.path.abspath(dataset.compiler.path),
         doc.to_json_values(document),

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, ModelError
-from ...mjcf.document import is_urdf
 from ...mjcf.edit import Edit, apply_edits
 from ...notebook import Columns, format_columns, make_frame, open_axes
 from ...printable import join_names, make_printable
@@ -21,7 +20,7 @@ from .actuators import describe_actuators
 from .document import format_document
 from .model_source import compile_patched
 from .storage import URDF, check_folder, write_diagnosis
-from .urdf_patch import UrdfPatch
+from .urdf_patch import UrdfPatch, find_urdf
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -209,10 +208,12 @@ class Diagnosis:
             "actuators_isaaclab.py": format_isaac_lab(actuators),
             "actuators_mjlab.py": format_mjlab(actuators),
         }
-        if is_urdf(self.model):
+        if path := find_urdf(self.model):
             with suppress(ModelError):  # a remark says so
-                urdf = UrdfPatch(self.model, given, patched)
-                texts |= {"patched.diff": urdf.diff, URDF: urdf.to_text(folder)}
+                urdf = UrdfPatch(path, given, patched)
+                texts[URDF] = urdf.to_text(folder)
+                if path == self.model:
+                    texts["patched.diff"] = urdf.diff
         return texts
 
     def simulate(

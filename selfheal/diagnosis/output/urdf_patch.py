@@ -9,12 +9,14 @@ from uuid import uuid4
 import numpy as np
 
 from ...errors import ModelError
-from ...mjcf.document import MjcfDocument
+from ...mjcf.document import MjcfDocument, is_urdf
 from ...mjcf.edit import format_number, unified_diff
 from ...mjcf.xml_text import Element, encode_text, format_path
 from ...mujoco_files import read_spec_file
+from ...preparation.prepare import SOURCE
 from ...recording.data import Floats
 from ..effects.inertia import spatial_inertia
+from .actuators import describe_joints
 from .model_source import differs
 
 if TYPE_CHECKING:
@@ -25,13 +27,24 @@ _JOINT_FIELDS = {
     "dof_damping": "damping", "dof_dampingpoly": "damping of higher order",
     "dof_frictionloss": "dry friction", "dof_armature": "armature",
     "jnt_stiffness": "stiffness", "jnt_range": "range",
-    "jnt_actfrcrange": "effort limit",
 }  # fmt: skip
 _BODY_FIELDS = {"body_mass": "mass", "body_ipos": "center of mass",
                 "body_pos": "place", "body_gravcomp": "carried weight"}  # fmt: skip
 _GEOM_FIELDS = ("size", "pos", "friction", "solref", "contype")
 _WORLD_FIELDS = ("gravity", "density", "viscosity", "wind")
 _RELATIVE = 1e-5  # by which values differ that are one; of the digits of two texts
+
+
+def find_urdf(model: str | os.PathLike[str]) -> str | None:
+    """Path of the URDF that a model is, or was prepared from; None: it has none."""
+    if is_urdf(model):
+        return os.fspath(model)
+    document = MjcfDocument(model)
+    for text in (e for s in document.list_sections("custom") for e in s.elements()):
+        if text.get("name") == SOURCE:
+            path = os.path.join(document.home, text.get_path("data"))
+            return path if os.path.isfile(path) else None
+    return None
 
 
 def explain_urdf(
@@ -76,6 +89,7 @@ class UrdfPatch:
         self._document = document = MjcfDocument(path, in_place=True)
         (name, text), *_ = document.list_texts().items()
         self._given, self._patched = given, patched
+        self._joint_values = [describe_joints(model) for model in (given, patched)]
         elements = list(document.root.elements())
         self._joints = [e for e in elements if e.tag == "joint"]
         for joint in self._joints:
@@ -126,8 +140,9 @@ class UrdfPatch:
             limits = dict(
                 zip(("lower", "upper"), map(format_number, b.range), strict=True)
             )
-        if differs(old.jnt_actfrcrange[a.id], new.jnt_actfrcrange[b.id]):
-            limits["effort"] = format_number(np.abs(new.jnt_actfrcrange[b.id]).max())
+        efforts = [e[name].get("effort_limit", 0.0) for e in self._joint_values]
+        if differs(*efforts) and efforts[1]:
+            limits["effort"] = format_number(efforts[1])
         self._set_child(element, "limit", limits)
         self._move_child(element, int(old.jnt_bodyid[a.id]), int(new.jnt_bodyid[b.id]))
 
@@ -253,6 +268,10 @@ def _list_differences(
 ) -> Iterator[str]:
     """What a URDF says otherwise than the patched model, in words."""
     joints = _pair_ids(urdf, patched, "joint", urdf.njnt)
+    limits = [describe_joints(model) for model in (urdf, patched)]
+    efforts = {n: [x[n].get("effort_limit", 0.0) for x in limits] for n in limits[0]}
+    if weaker := [n for n, pair in efforts.items() if _is_far(*([x] for x in pair))]:
+        yield f"effort limit of {', '.join(weaker)}"
     for field, said in _JOINT_FIELDS.items():
         yield from _describe_difference(urdf, patched, joints, field, said)
     bodies = _pair_ids(urdf, patched, "body", urdf.nbody)
