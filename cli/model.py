@@ -8,10 +8,12 @@ import typer
 from ._print import print_json, print_line
 
 app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
+_JSON = typer.Option("--json", help="One JSON object for scripts.")
 _EXAMPLES = """\b
 Examples:
 selfheal model prepare arm.urdf --kp 60 --kv 2 --out arm.xml
 selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --passive caster --out arm.xml
+selfheal model prepare arm.urdf --motors --no-contacts --out arm.xml
 selfheal model prepare dog.xml --motors --weld-base --out dog_on_a_stand.xml
 """
 
@@ -47,6 +49,10 @@ def prepare(
     weld_base: Annotated[
         bool, typer.Option("--weld-base", help="Fix a base that has a free joint.")
     ] = False,
+    no_contacts: Annotated[
+        bool,
+        typer.Option("--no-contacts", help="Leave out shapes: it touches nothing."),
+    ] = False,
     passive: Annotated[
         list[str] | None,
         typer.Option(metavar="JOINT", help="A joint without a drive; once each."),
@@ -54,9 +60,7 @@ def prepare(
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite what is at --out.")
     ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object for scripts.")
-    ] = False,
+    as_json: Annotated[bool, _JSON] = False,
 ) -> None:
     """Write the MJCF of a robot with a drive at every joint that lacks one."""
     from selfheal.preparation.drives import Gains
@@ -65,7 +69,9 @@ def prepare(
     _check_arguments(model, out, bool(kp), bool(kv), motors, force)
     gains = Gains(_read_gains("--kp", kp or ()), _read_gains("--kv", kv or ()),
                   tuple(passive or ()))  # fmt: skip
-    done = prepare_model(model, out.parent, gains, weld_base=weld_base)
+    done = prepare_model(
+        model, out.parent, gains, weld_base=weld_base, without_contacts=no_contacts
+    )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_model(done, out)
     if as_json:

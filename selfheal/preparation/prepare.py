@@ -17,6 +17,7 @@ from ..printable import join_names, quote_name
 from ..recording import load_model, read_spec
 from .contacts import find_touching_pairs
 from .drives import Drive, Gains, build_drives, list_followers
+from .inertias import mend_inertias
 
 if TYPE_CHECKING:
     import mujoco
@@ -44,6 +45,7 @@ def prepare_model(
     gains: Gains,
     *,
     weld_base: bool = False,
+    without_contacts: bool = False,
 ) -> Preparation:
     """The MJCF of a robot in which every joint that a drive could turn has one.
 
@@ -52,6 +54,7 @@ def prepare_model(
         folder: where the text will lie; meshes are still found from there.
         gains: of the drives.
         weld_base: whether bodies with a free joint lose it.
+        without_contacts: whether shapes that give no inertia are left out.
 
     Raises:
         ModelError: MuJoCo cannot read the model, or it holds macros of xacro.
@@ -64,14 +67,17 @@ def prepare_model(
         raise ModelError(f"{name}: {reason}")
     try:
         spec = read_spec(path)
-        steps = [*_describe_meshes(name, spec), *(_weld(spec) if weld_base else ())]
+        steps = [*_describe_meshes(name, spec), *mend_inertias(spec)]
+        steps += _leave_out_shapes(spec) if without_contacts else ()
+        steps += _weld(spec) if weld_base else ()
         drives = build_drives(_compile_bare(spec), gains)
         steps += _fit_keyframes(spec, bool(drives))
         steps += _exclude_contacts(spec)
         steps += _move_limits(spec, drives)
         model = spec.compile()
     except ValueError as error:
-        raise ModelError(describe_refusal(name, error)) from error
+        said = describe_refusal(name, error) + _explain_shapes(path)
+        raise ModelError(said) from error
     document = MjcfDocument(path, spec.to_xml())
     section = document.get_section("actuator") if drives else None
     for drive in drives:
@@ -121,6 +127,41 @@ def _describe_meshes(name: str, spec: "mujoco.MjSpec") -> Iterator[str]:
     kept = {os.path.basename(mesh.file) for mesh in spec.meshes}
     if dropped := sorted(_list_meshes(name) - kept):
         yield f"left out meshes that are only seen: {join_names(dropped)}"
+
+
+def _leave_out_shapes(spec: "mujoco.MjSpec") -> Iterator[str]:
+    """Delete geoms that give no inertia, and their meshes; what was done."""
+    always = int(spec.compiler.inertiafromgeom) == 1  # mjINERTIAFROMGEOM_TRUE
+    needless = [
+        geom
+        for geom in spec.geoms
+        if geom.parent is not None
+        and not always
+        and (geom.parent.explicitinertial or geom.parent.name == "world")
+    ]
+    for geom in needless:
+        spec.delete(geom)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    used = {geom.meshname for geom in spec.geoms}
+    for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
+        spec.delete(mesh)
+    yield "left out shapes that give no inertia: nothing touches anything"
+
+
+def _explain_shapes(path: str | os.PathLike[str]) -> str:
+    """Words that help where MuJoCo reads a model without its shapes; else empty."""
+    try:
+        spec = read_spec(path)
+        for _ in (*mend_inertias(spec), *_leave_out_shapes(spec)):
+            pass  # only the changes count
+        _compile_bare(spec)
+    except ValueError:
+        return ""
+    return (
+        "; would fit: a mesh of .stl, .obj or .msh that MuJoCo reads, or --no-contacts "
+        "if the robot touches nothing"
+    )
 
 
 def _weld(spec: "mujoco.MjSpec") -> Iterator[str]:

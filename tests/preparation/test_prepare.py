@@ -12,6 +12,7 @@ from selfheal.cli import app
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.preparation.contacts import POSES, draw_pose, find_touching_pairs
+from selfheal.preparation.inertias import find_possible_inertia
 from selfheal.recording import load_model, write
 from tests.support.mjcf_models import CUBE, write_file
 from tests.support.recorded_robots import Robot, record
@@ -135,6 +136,38 @@ def test_a_base_is_welded_and_keyframes_that_no_longer_fit_go(tmp_path):
     assert (model.nq, model.nkey, model.key(0).name) == (1, 1, "rest")
     np.testing.assert_allclose(model.body("trunk").pos, [0, 0, 1])
     assert "'trunk' is fixed" in said and "'home': its qpos has 8 numbers" in said
+
+
+@pytest.mark.parametrize("moments", ["1e-6 1e-6 1e-6", "0.05 0 0", "0.1 0.1 -0.01"])
+def test_an_inertia_of_no_body_becomes_a_possible_one(moments, tmp_path):
+    """It is diagonal, or with products as large as its moments."""
+    ixx, iyy, izz = moments.split()
+    product = "1e-6" if ixx == iyy == izz else "0"
+    stated = f'<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="{product}"'
+    text = ARM.replace('<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0"', stated, 1)
+    model, said = _prepare(text, tmp_path, "--kp", 60)
+    a, b, c = np.sort(model.body("upper").inertia)
+    assert a > 0 and a + b >= c * (1 - 1e-9)
+    assert (
+        "link 'upper': its inertia is of no body" in said and "'lower': its" not in said
+    )
+
+
+def test_an_inertia_that_a_body_can_have_stays():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(5, 3))
+    inertia = sum(p @ p * np.eye(3) - np.outer(p, p) for p in points)
+    np.testing.assert_allclose(find_possible_inertia(inertia), inertia)
+
+
+def test_without_contacts_meshes_that_cannot_be_read_are_left_out(tmp_path):
+    mesh = '<mesh filename="package://arm/c.dae"/>'
+    text = ARM.replace('<cylinder radius="0.04" length="0.25"/>', mesh)
+    path, out = write_file(tmp_path / "a.urdf", text), tmp_path / "out" / "m.xml"
+    said = _run("model", "prepare", path, "--out", out, "--motors", code=2)
+    assert "c.dae" in said and "--no-contacts" in said
+    model, said = _prepare(text, tmp_path, "--motors", "--no-contacts")
+    assert (model.ngeom, model.nu) == (0, 2) and "left out shapes" in said
 
 
 def test_driven_joints_keep_their_actuators(tmp_path):
