@@ -153,7 +153,7 @@ class _StageProgress:
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     """The verdict, the findings, the errors, the files."""
-    from selfheal.diagnosis.output.storage import FILES, URDF
+    from selfheal.diagnosis.output.storage import ALL_FILES
     from selfheal.report.phrases import state_verdict
 
     print_text(state_verdict(found.document), "bold", is_wrapped=False)
@@ -161,7 +161,7 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     _print_fit(found.document["fit"])
     for remark in found.remarks:
         print_line(f"note: {remark}")
-    for name in (*FILES, URDF):
+    for name in ALL_FILES:
         if (folder / name).exists():
             print_line(os.fspath(folder / name))
 
@@ -254,7 +254,7 @@ def _check_replay(
     folder: Path, inputs: Path, out: Path, model: Path | None, force: bool
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
-    from selfheal.diagnosis.output.storage import FILES, URDF
+    from selfheal.diagnosis.output.storage import ALL_FILES, FILES
     from selfheal.errors import InputError
     from selfheal.files import check_file, check_writable, explain_unreadable
 
@@ -267,7 +267,7 @@ def _check_replay(
         check_file(model)
     check_file(inputs)
     check_writable(out)
-    used = [inputs, *(folder / name for name in (*FILES, URDF)), *filter(None, [model])]
+    used = [inputs, *(folder / name for name in ALL_FILES), *filter(None, [model])]
     if out.resolve() in [path.resolve() for path in used]:
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := explain_unreadable(out)):

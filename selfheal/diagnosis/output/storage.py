@@ -20,11 +20,12 @@ from ...schema import load_json
 from ..estimation.information import Information
 from .schema import check_entries
 
-URDF = "patched.urdf"
 FILES = (
     "diagnosis.json", "patched.xml", "patched.diff", "report.html", "actuators.yaml",
-    "actuators_isaaclab.py", "actuators_mjlab.py", URDF, "information.h5",
+    "actuators_isaaclab.py", "actuators_mjlab.py",
 )  # fmt: skip
+URDF, INFORMATION = "patched.urdf", "information.h5"  # that a diagnosis may lack
+ALL_FILES = (*FILES, URDF, INFORMATION)
 
 
 def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
@@ -45,7 +46,7 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
         held = sorted(os.listdir(folder)) if folder.is_dir() else []
     except OSError as error:
         raise InputError(f"cannot look into {folder}: {error.strerror}") from error
-    if others := [name for name in held if name not in FILES]:
+    if others := [name for name in held if name not in ALL_FILES]:
         raise InputError(
             f"{folder} holds {', '.join(others[:3])}, which is no part of a diagnosis "
             "and would be lost; would fit: a new folder, or an empty one"
@@ -129,7 +130,7 @@ def write_diagnosis(
         for name, text in texts.items():
             (new / name).write_bytes(encode_text(text))
         if information:
-            _write_information(new / "information.h5", information)
+            _write_information(new / INFORMATION, information)
         _replace_folder(new, folder)
     except OSError as error:
         raise make_write_error(folder, error) from error
@@ -149,7 +150,7 @@ def _write_information(path: Path, information: Information) -> None:
 def _replace_folder(new: Path, folder: Path) -> None:
     """Put a new folder in the place of one that may be there."""
     if folder == Path.cwd():  # a shell in it would be left in a deleted folder
-        for name in FILES:
+        for name in ALL_FILES:
             if (new / name).exists():
                 os.replace(new / name, folder / name)
             else:

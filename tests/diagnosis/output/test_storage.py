@@ -14,7 +14,7 @@ from selfheal.diagnosis.output.result import Diagnosis, Localization
 from selfheal.errors import InputError, RunLockError, SelfhealError
 from tests.support.recorded_robots import ROBOTS
 
-FILES = sorted(storage.FILES)
+FILES = sorted([*storage.FILES, storage.INFORMATION])
 
 
 @pytest.fixture
