@@ -5,17 +5,12 @@ from typing import Annotated
 
 import typer
 
+from ._options import make_epilog, out_file
 from ._print import print_json, print_line
 
 app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
 _JSON = typer.Option("--json", help="One JSON object for scripts.")
-_EXAMPLES = """\b
-Examples:
-selfheal model prepare arm.urdf --kp 60 --kv 2 --out arm.xml
-selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --passive caster --out arm.xml
-selfheal model prepare arm.urdf --motors --no-contacts --out arm.xml
-selfheal model prepare dog.xml --motors --weld-base --out dog_on_a_stand.xml
-"""
+_EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
 
 
 @app.callback()
@@ -23,12 +18,12 @@ def _model() -> None:
     """Make models fit."""
 
 
-@app.command(epilog=_EXAMPLES)
+@app.command(epilog=make_epilog(_EXAMPLE, "prepare-a-model.md"))
 def prepare(
     model: Annotated[
         Path, typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
     ],
-    out: Annotated[Path, typer.Option(metavar="MODEL.xml", help="Where it goes.")],
+    out: Annotated[Path, out_file("MODEL.xml")] = Path("prepared.xml"),
     kp: Annotated[
         list[str] | None,
         typer.Option(

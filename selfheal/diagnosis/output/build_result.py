@@ -89,9 +89,8 @@ def build_diagnosis(
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
         remarks = (UNPATCHED.format(unpatched), *remarks)
-    elif urdf := find_urdf(path := dataset.compiler.path):
-        models = (compile_patched(path, each).compile() for each in ((), edits))
-        remarks = (*remarks, *explain_urdf(urdf, *models))
+    else:
+        remarks = (*remarks, *_explain_urdf_patch(dataset.compiler.path, edits))
     return Diagnosis(
         os.path.abspath(dataset.compiler.path),
         doc.to_json_values(document),
@@ -108,6 +107,14 @@ def build_diagnosis(
         more_than_noise=structure.is_significant,
         information=information,
     )
+
+
+def _explain_urdf_patch(path: str, edits: Sequence[Edit]) -> list[str]:
+    """What patched.urdf cannot hold, where the model has a URDF."""
+    if not (urdf := find_urdf(path)):
+        return []
+    given, patched = (compile_patched(path, each).compile() for each in ((), edits))
+    return explain_urdf(urdf, given, patched)
 
 
 def _build_fit(dataset: Dataset, proof: HeldOutScores) -> dict[str, Any]:
