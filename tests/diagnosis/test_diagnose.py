@@ -220,8 +220,11 @@ def test_the_document_is_the_contracts(name, request):
     )
     assert document == diagnosis.document
     assert set(document) == {
-        "format", "version", "verdict", "findings", "refit", "fit"
+        "format", "version", "verdict", "findings", "refit", "unidentified", "fit"
     }  # fmt: skip
+    for group in document["unidentified"]:
+        assert set(group) == {"together", "words", "fixed_by"}
+        assert len(group["together"]) > 1
     assert (document["format"], document["version"]) == ("selfheal-diagnosis", 1)
     assert document["verdict"] in ("explained", "partly", "unlisted", "nothing")
     for finding in document["findings"]:
