@@ -10,7 +10,7 @@ from .controls import (
     reorder_commands,
 )
 from .data import KINDS, Episode, Signal
-from .model import ModelNames, Target, check_against_model
+from .model import NO_ACTUATORS, ModelNames, Target, check_against_model
 from .names import list_model_names, load_model, read_names, read_spec
 from .recording import Recording
 from .split import shorten_names, split, strip_file, strip_window
@@ -19,6 +19,7 @@ from .writing import open_writer, write
 
 __all__ = [
     "KINDS",
+    "NO_ACTUATORS",
     "Episode",
     "ModelNames",
     "Recording",

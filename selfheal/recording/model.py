@@ -8,6 +8,12 @@ from .check import format_names
 from .controls import Control, assign_columns
 from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
+# what to do about a model without actuators, at the end of a message
+NO_ACTUATORS = (
+    "MuJoCo reads no actuators from a URDF; write servos by: selfheal model prepare "
+    "ROBOT.urdf --kp KP --kv KV --out m.xml"
+)
+
 
 @dataclass(frozen=True)
 class Target:
@@ -72,9 +78,7 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
     if given and not model:
         raise place.make_error(
             f"ctrl has a column for {format_names(given)}, but the model has no "
-            f"actuator "
-            "with a name; would fit: a model with them (MuJoCo reads none from a "
-            "URDF: save it as MJCF and add them)"
+            f"actuator with a name; would fit: a model with them. {NO_ACTUATORS}"
         )
     if names.unnamed:
         raise place.make_error(

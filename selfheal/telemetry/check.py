@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 from ..recording import Recording, reorder_commands
 from .bodies import BodyCheck
 from .columns import find_held
-from .fault import Fault
+from .fault import KINDS, Fault
 from .joint_faults import JointCheck
 from .joints import list_joints
 from .odd import find_odd
 from .ranges import find_beyond
 from .rollouts import Rollouts
 from .series import build_series
+from .setup import find_setup_faults
 from .stale import find_stale
 from .states import X_Y_Z_W, Mend
 from .timing import find_time_faults
@@ -78,6 +79,9 @@ def _examine_motion(
         return Telemetry((), (reason,))
     check = JointCheck(recording, model, joints, series)
     rollouts = Rollouts(model, check.balance.states)
+    setup = find_setup_faults(recording, check.balance)
+    if any(KINDS[f.kind] for f in setup):  # forces tell nothing then
+        return Telemetry((*setup, *check.find_faults()), ())
     odd = [f for f in check.odd if not {*held} & {*f.columns}]
     if not held and not check.is_late:
         odd = odd or find_odd(series, check.balance, rollouts)
@@ -86,7 +90,7 @@ def _examine_motion(
         rest = {k: e for k, e in recording.episodes.items() if k not in left_out}
         others = _examine_motion(replace(recording, episodes=rest), model, held)
         return Telemetry((*odd, *others.faults), others.unchecked)
-    faults = _find_faults(recording, check, rollouts, held)
+    faults = setup + _find_faults(recording, check, rollouts, held)
     reason = check.balance.reason
     said = (f"the balance of torques: {reason}",) if reason else ()
     return Telemetry(tuple(faults), said)

@@ -19,10 +19,9 @@ from ...recording import (
     Recording,
     check_against_model,
     list_model_names,
-    reorder_commands,
 )
 from ...recording.data import Floats
-from ..data.episodes import build_channels, sample_episode
+from ..data.episodes import build_channels
 from ..data.robot_summary import RobotSummary, summarize_bodies, summarize_joints
 from ..data.segments import cut_segments
 from ..effects import find_effect
@@ -33,6 +32,7 @@ from ..effects.places import Place, name_added_joint
 from ..effects.second_joint import LINK
 from ..simulation.build import (
     StateReconstruction,
+    sample_with_base,
     summarize_actuators,
 )
 from ..simulation.checks import find_divergence
@@ -57,7 +57,8 @@ def replay_recording(
     Raises:
         InputError: the folder holds no diagnosis.
         ModelError: MuJoCo cannot load the model.
-        RecordingError: an episode has no qpos0, or speaks of what the model lacks.
+        RecordingError: nothing tells where an episode starts, or it speaks of what the
+            model lacks.
     """
     document = read_document(folder)
     path = os.fspath(model if model is not None else Path(folder) / "patched.xml")
@@ -195,22 +196,19 @@ def _replay_episode(
         added: ids of joints that a patch added, which the episode's state lacks.
 
     Raises:
-        RecordingError: the episode has no initial state, or the model diverges.
+        RecordingError: nothing tells where the episode starts, or the model diverges.
     """
-    episode = recording.episodes[name]
-    if episode.qpos0 is None:
+    episode, model = recording.episodes[name], compiler.nominal
+    one = replace(recording, episodes={name: episode})
+    if episode.qpos0 is None and not build_channels([one]):
         raise RecordingError(
-            f"{recording.file}, episode {name!r}: it has no qpos0; a replay needs the "
-            "state that it starts from"
+            f"{recording.file}, episode {name!r}: it has no qpos0 and no reading that "
+            "tells where it starts; would fit: either of them"
         )
-    model = compiler.nominal
-    begun = reorder_commands(_extend_state(episode, model, added), model)
-    one = replace(recording, episodes={name: begun})
     signals = build_channels([one], empty=True)
-    step = float(model.opt.timestep)
-    simulator = Simulator(
-        compiler, signals, (sample_episode(name, begun, signals, step),), step
-    )
+    begun = _extend_state(episode, model, added)
+    sampled = sample_with_base(name, begun, signals, model)
+    simulator = Simulator(compiler, signals, (sampled,), float(model.opt.timestep))
     segments = cut_segments(simulator.episodes, None, empty=True)
     predicted = simulator.simulate(terms, values[None], segments)[0]
     if not np.isfinite(predicted).all():
@@ -244,17 +242,24 @@ def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
 
 
 def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
-    """The episode with an initial state that has joints that a patch added.
-
-    They start at 0, and so does every velocity where none is given.
+    """The episode with its given state, if any, in which added joints start at 0.
 
     Args:
-        episode: with a qpos0.
-        model: compiled, with the added joints.
+        episode: in the joints of the model that was diagnosed.
+        model: compiled, with the joints that a patch added.
         added: their ids.
     """
-    qpos, qvel = np.zeros(model.nq), np.zeros(model.nv)
-    qpos[np.delete(np.arange(model.nq), model.jnt_qposadr[added])] = episode.qpos0
-    if episode.qvel0 is not None:
-        qvel[np.delete(np.arange(model.nv), model.jnt_dofadr[added])] = episode.qvel0
-    return replace(episode, qpos0=qpos, qvel0=qvel)
+
+    def extend(given: Floats | None, size: int, places: np.ndarray) -> Floats | None:
+        """A state of `size` numbers, of which those of added joints are not given."""
+        if given is None:
+            return None
+        whole = np.zeros(size)
+        whole[np.delete(np.arange(size), places[added])] = given
+        return whole
+
+    return replace(
+        episode,
+        qpos0=extend(episode.qpos0, model.nq, model.jnt_qposadr),
+        qvel0=extend(episode.qvel0, model.nv, model.jnt_dofadr),
+    )

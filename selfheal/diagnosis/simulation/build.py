@@ -8,6 +8,7 @@ import numpy as np
 from mujoco import rollout
 
 from ...recording import (
+    Episode,
     Recording,
     find_controls,
     find_output,
@@ -80,23 +81,33 @@ def build_simulator(
         channels = tuple(
             replace(read.get(c.name, c), first_column=c.first_column) for c in fitted
         )
-    step = float(model.opt.timestep)
     has_files = len(recordings) > 1
     names = [(r.file, name) for r in whole or recordings for name in r.episodes]
     episodes = []
     for r in recordings:
         for name, e in r.episodes.items():
-            sampled = sample_episode(
-                f"{r.file}:{name}" if has_files else name,
-                reorder_commands(e, model),
-                channels,
-                step,
-            )
+            id_ = f"{r.file}:{name}" if has_files else name
+            sampled = sample_with_base(id_, e, channels, model)
             part, of_whole = (r.file, name), (r.file, strip_window(name))
             number = names.index(part if part in names else of_whole)
-            base = _estimate_base_motion(model, channels, sampled, step)
-            episodes.append(replace(sampled, number=number, base=base))
-    return Simulator(compiler, channels, tuple(episodes), step)
+            episodes.append(replace(sampled, number=number))
+    return Simulator(compiler, channels, tuple(episodes), float(model.opt.timestep))
+
+
+def sample_with_base(
+    name: str, episode: Episode, channels: tuple[Channel, ...], model
+) -> SampledEpisode:
+    """Put an episode on the grid of a model's steps, with the motion of its base.
+
+    Args:
+        name: of the episode.
+        episode: of a recording that fits the model.
+        channels: of which its readings are taken.
+        model: compiled.
+    """
+    step = float(model.opt.timestep)
+    sampled = sample_episode(name, reorder_commands(episode, model), channels, step)
+    return replace(sampled, base=_estimate_base_motion(model, channels, sampled, step))
 
 
 def _estimate_base_motion(
