@@ -116,6 +116,8 @@ def print_import(report: "ImportReport", path: Path) -> None:
         )
     if report.before_command:
         print_line(f"{report.before_command} rows before the first command: left out.")
+    for remark in report.remarks:
+        print_line(f"look: {remark}")
 
 
 def _describe_offset(offset: "Offset") -> str:

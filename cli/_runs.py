@@ -62,6 +62,14 @@ def _make_folder(folder: Path, force: bool) -> bool:
     return True
 
 
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Refuse to write over a file, unless the user said so."""
+    if path.exists() and not force:
+        raise InputError(
+            f"{path} is there already; --force replaces it, or give another name"
+        )
+
+
 def refuse_settings(context: typer.Context, heeded: Sequence[str] = ()) -> None:
     """Refuse what a resumed run would not heed."""
     given = [

@@ -15,7 +15,7 @@ import typer
 from ._options import complete, list_faults, out_file, out_folder
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar
-from ._runs import choose_run_folder
+from ._runs import choose_run_folder, refuse_existing
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
@@ -272,10 +272,8 @@ def _check_replay(
         raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := explain_unreadable(out)):
         raise InputError(f"cannot write {out}: {reason}")
-    if out.exists() and not force and not _is_prediction(out):
-        raise InputError(
-            f"{out} is there already; --force replaces it, or give another name"
-        )
+    if out.exists():
+        refuse_existing(out, force=force or _is_prediction(out))
 
 
 def _is_prediction(path: Path) -> bool:

@@ -9,6 +9,7 @@ import typer
 
 from ._options import make_epilog
 from ._print import print_json, print_line, print_table
+from ._runs import refuse_existing
 
 if TYPE_CHECKING:
     from selfheal.recording import Episode, Recording
@@ -53,7 +54,7 @@ def check(
         read,
     )
 
-    recording = read(file)
+    recording = read(file) if model is None else read(file, model=str(model))
     found = None
     if model is not None:
         from selfheal.telemetry import examine_telemetry
@@ -98,6 +99,9 @@ def import_log(
             help="Where the recording goes; with --guess the map, without it map.toml.",
         ),
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite what is at --out.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object for scripts.")
     ] = False,
@@ -108,17 +112,21 @@ def import_log(
     if guess == (map_file is not None):
         raise InputError("give either --map MAP.toml or --guess")
     if guess:
-        _propose_map(logs[0], model, out or Path("map.toml"), as_json=as_json)
-        return
+        out = out or Path("map.toml")
     if out is None:
         raise InputError("--out FILE.h5 is missing: where the recording goes")
-    assert map_file is not None
+    used = [*logs, model, *filter(None, [map_file])]
+    if out.resolve() in [path.resolve() for path in used]:
+        raise InputError(f"--out {out} would overwrite what it is made of")
+    refuse_existing(out, force=force)
+    if map_file is None:
+        _propose_map(logs[0], model, out, as_json=as_json)
+        return
     _import_logs(logs, model, map_file, out, as_json=as_json)
 
 
 def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
     """Write a map that fits a log, as far as can be told."""
-    from selfheal.errors import InputError
     from selfheal.files import write_text
     from selfheal.logs.guessing.guess import guess_map
     from selfheal.logs.guessing.map_text import format_map
@@ -127,8 +135,6 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
 
     from ._import import print_guess, summarize_guess
 
-    if out.exists():
-        raise InputError(f"{out} exists; would fit: another name by --out")
     found = guess_map(open_log(log), load_model(model))
     write_text(out, format_map(found, log.name, model.name))
     if as_json:

@@ -69,7 +69,7 @@ def diagnose(
     check_seed(seed)
     check_file(model)
     is_over = _make_clock(minutes, stop)
-    read, names = _read_all(_to_list(recordings), _to_list(held_out))
+    read, names = _read_all(_to_list(recordings), _to_list(held_out), os.fspath(model))
     say = progress or (lambda what, share: None)
     noted = _check_logs(model, read, no_check)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
@@ -94,9 +94,16 @@ def _make_clock(minutes: float, stop: Callable[[], bool]) -> Callable[[float], b
 
 
 def _read_all(
-    given: Sequence[RecordingLike], held_out: Sequence[str | os.PathLike[str]]
+    given: Sequence[RecordingLike],
+    held_out: Sequence[str | os.PathLike[str]],
+    model: str,
 ) -> tuple[list[Recording], list[str]]:
     """Every recording, and the full names of what is held out.
+
+    Args:
+        given: recordings.
+        held_out: names of files, episodes or parts of them.
+        model: of the robot, for messages.
 
     Raises:
         InputError: none was given, one is given twice, or a name fits several.
@@ -105,7 +112,7 @@ def _read_all(
     files = [entry for entry in entries if _is_file(entry)]
     if not given:
         raise InputError("no recording was given; would fit: at least one")
-    read = _open_recordings([*given, *files], spare=len(files))
+    read = _open_recordings([*given, *files], spare=len(files), model=model)
     return read, [name for entry in entries for name in _resolve_held_out(entry, read)]
 
 
@@ -133,7 +140,7 @@ def _check_logs(
         faults = check_telemetry(recording, compiled)
         refuse_faulty(recording.file, faults, skip)
         noted += [
-            f"{recording.file}, {fault.kind}: {fault.seen}"
+            f"{recording.file}, {fault.describe()}"
             for fault in list_tolerable(faults, skip)
         ]
     return noted
@@ -150,8 +157,15 @@ def _is_file(name: str) -> bool:
     return name.lower().endswith((".h5", ".hdf5")) and os.path.isfile(name)
 
 
-def _open_recordings(given: Sequence[RecordingLike], spare: int) -> list[Recording]:
-    """Every recording, checked; the last `spare` of them may be there already.
+def _open_recordings(
+    given: Sequence[RecordingLike], spare: int, model: str
+) -> list[Recording]:
+    """Every recording, checked.
+
+    Args:
+        given: recordings.
+        spare: how many, the last ones, may be there already.
+        model: of the robot, for messages.
 
     Raises:
         InputError: one is given twice.
@@ -161,7 +175,7 @@ def _open_recordings(given: Sequence[RecordingLike], spare: int) -> list[Recordi
         name = one.file if isinstance(one, Recording) else os.fspath(one)
         key = os.path.realpath(name)
         if key not in found:
-            found[key] = open_recording(one)
+            found[key] = open_recording(one, model=model)
         elif i < len(given) - spare:
             raise InputError(
                 f"{name} is given twice, first as {found[key].file}; would fit: each "

@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InputError
+
+MIN_ROWS = 2  # of a log; by definition of a motion
 Values = NDArray[np.float64] | NDArray[np.object_]  # (n), one a row
 Rows = Mapping[str, Values]  # columns of some rows, by name
 Report = Callable[[float], None]  # is told the share of a log that was read
@@ -75,6 +78,23 @@ class Log(ABC):
         Raises:
             InputError: the log is damaged; says where.
         """
+
+
+def check_rows(path: Path, rows: int) -> None:
+    """Refuse a log in which nothing can have moved.
+
+    Args:
+        path: of the log.
+        rows: of its longest stream.
+
+    Raises:
+        InputError: it has one row or none.
+    """
+    if rows < MIN_ROWS:
+        raise InputError(
+            f"{path}: it holds {'one row' if rows else 'no row'}; would fit: a row "
+            "for each sample of a motion"
+        )
 
 
 class LogFormat(ABC):

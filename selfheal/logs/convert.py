@@ -1,13 +1,14 @@
 """Logs to recordings: paths, a map and a model in; a file and a report out."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..recording import Episode, ModelNames, open_writer
-from .base import Log
+from ..printable import join_names
+from ..recording import NO_ACTUATORS, Episode, ModelNames, open_writer
+from .base import Log, check_rows
 from .converter import Converter, Report
 from .import_report import ImportReport
 from .log_map import COMMAND, LogMap
@@ -61,6 +62,7 @@ def import_logs(
     order = {name: k for k, name in enumerate(names.commands)}
     size = sum(_measure_size(log.path) for log in logs)
     compression = "gzip" if size < _LARGE else None
+    rows, told = 0, set[tuple[str, str]]()
     with open_writer(path, robot, source, compression=compression) as writer:
         for log, channels in zip(logs, resolved, strict=True):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
@@ -70,6 +72,7 @@ def import_logs(
             with Spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
                 converter.read_log(report)
+                rows += max(spool.rows.values(), default=0)
                 if log.losses:
                     made.losses[str(log.path)] = list(dict.fromkeys(log.losses))
                 for episode_id, parts in converter.convert(made):
@@ -77,11 +80,43 @@ def import_logs(
                         writer.append(episode_id, part)
                         if model is not None and not made.offsets:
                             _compare_clocks(part, channels, model, made)
+                made.remarks += converter.remarks
+                told |= {(channels[k].kind, channels[k].target) for k in converter.told}
+        check_rows(logs[0].path, rows)
         if not made.episodes:
             raise InputError(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
+        _note_empty(resolved, told, made)
+    if not names.controls:
+        made.remarks.append(
+            f"the model has no actuators: right where nothing drives it. {NO_ACTUATORS}"
+        )
     return made
+
+
+def _note_empty(
+    resolved: Sequence[Sequence[Channel]],
+    told: Collection[tuple[str, str]],
+    made: ImportReport,
+) -> None:
+    """Note signals without a number.
+
+    Args:
+        resolved: channels of each log.
+        told: kind and target of those in which there was a number.
+        made: to be noted in.
+
+    Raises:
+        InputError: no signal has any.
+    """
+    signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
+    empty = [c for c in signals if (c.kind, c.target) not in told]
+    names = join_names(dict.fromkeys(repr(n) for c in empty for n in c.columns))
+    if empty and len(empty) == len(signals):
+        raise InputError(f"no number is in any signal's column: {names}")
+    if empty:
+        made.remarks.append(f"no number is in {names}: an empty signal")
 
 
 def _measure_size(path: Path) -> int:

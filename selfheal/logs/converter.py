@@ -11,6 +11,7 @@ from ..errors import InputError
 from ..files import MAX_VALUES
 from ..recording import Episode, Signal
 from .base import Log, Stream
+from .guessing.clocks import check_time_unit
 from .import_report import EpisodeReport, ImportReport
 from .log_map import COMMAND, Clock, LogMap
 from .resolve import Channel, name_signals
@@ -49,6 +50,8 @@ class Converter:
         spool: of its columns.
         prefix: of the ids of its episodes.
         used: ids that are taken.
+        remarks: what a user should look at.
+        told: numbers of the channels in which there was a number.
     """
 
     log: Log
@@ -57,6 +60,8 @@ class Converter:
     spool: Spool
     prefix: str
     used: set[str] = field(default_factory=set)
+    remarks: list[str] = field(default_factory=list)
+    told: set[int] = field(default_factory=set)
 
     def read_log(self, report: Report | None) -> None:
         """Bring all columns that are needed to the disk."""
@@ -73,6 +78,14 @@ class Converter:
         tell = None if report is None else partial(report, name)
         for stream_name, rows in self.log.read(wanted, tell):
             self.spool.append(stream_name, rows)
+        for channel in self.channels:
+            for column in channel.columns:
+                text = self.spool.find_text(channel.stream, column)
+                if text is not None:
+                    raise InputError(
+                        f"{name}: column {column!r} holds the text {text!r}; would "
+                        "fit: numbers, and an empty cell where one is missing"
+                    )
 
     def convert(self, made: ImportReport) -> Iterator[tuple[str, Iterator[Episode]]]:
         """The episodes, each in parts, by id."""
@@ -141,10 +154,14 @@ class Converter:
         if clock.rate is not None:
             factor = 1 / clock.rate
         elif column:
-            factor = get_unit(clock.unit if clock.column else "s").factor
+            factor = get_unit((clock.column and clock.unit) or "s").factor
         else:
             factor = stream.period or 0.0
         values = self.spool.read(stream.name, column) if column else None
+        if values is not None and clock.column:
+            what = f"{self.log.path}: column {column!r}"
+            if odd := check_time_unit(clock, what, values):
+                self.remarks.append(odd)
         label = self._find_label(stream)
         time = read_clock(clock, values, rows, factor)
         if not label:
@@ -282,6 +299,7 @@ class Converter:
                 for key, clock in clocks.items()
             }
             blocks = [self._read_block(c, found, time.size) for c in self.channels]
+            self.told |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
             ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
                 np.empty((time.size, 0))])  # fmt: skip
             held = _hold(ctrl, held)

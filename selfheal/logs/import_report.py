@@ -40,6 +40,7 @@ class ImportReport:
         dropped: rows without a time or with one that another row has.
         before_command: rows left out before the first command of their episode.
         losses: what of a log is damaged and was left out, by the log's path.
+        remarks: what a user should look at, in sentences.
     """
 
     episodes: list[EpisodeReport] = field(default_factory=list)
@@ -50,6 +51,7 @@ class ImportReport:
     dropped: int = 0
     before_command: int = 0
     losses: dict[str, list[str]] = field(default_factory=dict)
+    remarks: list[str] = field(default_factory=list)
 
     def add_mended(self, mended: Mended) -> None:
         """Count what was mended in a log."""

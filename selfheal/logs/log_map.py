@@ -29,7 +29,7 @@ class Clock:
 
     Attributes:
         column: that holds the time; "" leaves it to the log.
-        unit: of that column.
+        unit: of that column; "": seconds, where the rows then come as a robot's do.
         rate: [Hz] of the rows, where no column holds the time.
         offset: [s] added to the time.
         stretch: by which the time is multiplied: a clock that runs fast has less
@@ -37,7 +37,7 @@ class Clock:
     """
 
     column: str = ""
-    unit: str = "s"
+    unit: str = ""
     rate: _Positive | None = None
     offset: _Number = 0.0
     stretch: _Positive = 1.0

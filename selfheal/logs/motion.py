@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Log
+from .base import Log, check_rows
 
 Floats = NDArray[np.float64]
 _MAX_ROWS = 20_000  # of each stream that a guess looks at; chosen: minutes at 100 Hz
@@ -51,7 +51,11 @@ class Relation:
 
 
 def sample_log(log: Log) -> dict[str, Sample]:
-    """The first rows of every stream of a log."""
+    """The first rows of every stream of a log.
+
+    Raises:
+        InputError: it is damaged, or has no two rows.
+    """
     parts = {s.name: {c: list[Floats]() for c in s.columns} for s in log.streams}
     rows, cells = dict.fromkeys(parts, 0), 0
     wanted = {s.name: list(s.columns) for s in log.streams}
@@ -70,6 +74,7 @@ def sample_log(log: Log) -> dict[str, Sample]:
         rows[name] += len(next(iter(piece.values()), ()))
         if cells > _MAX_CELLS or min(rows.values()) >= _MAX_ROWS:
             break
+    check_rows(log.path, max(rows.values(), default=0))
     for name, sample in samples.items():
         for column, pieces in parts[name].items():
             if column not in sample.texts:

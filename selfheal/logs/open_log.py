@@ -20,11 +20,14 @@ def open_log(path: str | os.PathLike[str]) -> Log:
     """
     path = Path(path)
     try:
+        is_empty = path.is_file() and not path.stat().st_size
         path.stat()
     except FileNotFoundError as error:
         raise InputError(f"{path}: there is no such file or folder") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: it cannot be read: {clean_text(error)}") from error
+    if is_empty:
+        raise InputError(f"{path}: it is empty; would fit: a log with rows")
     broken = list[str]()
     names = list[str]()
     for found in _load_formats(broken):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..recording import KINDS, ModelNames
+from ..recording import KINDS, NO_ACTUATORS, ModelNames
 from ..recording.data import name_signal
 from .base import Log, Stream
 from .log_map import COMMAND, ColumnRule
@@ -88,6 +88,8 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
     targets = list(rule.targets) or stars or [""]
     sort = "actuator" if rule.kind == COMMAND else KINDS[rule.kind].target
     known: Collection[str] = names.targets[sort]
+    if rule.kind == COMMAND and not names.controls:
+        raise InputError(f"the model has no actuators. {NO_ACTUATORS}")
     if rule.kind == COMMAND:
         known = names.commands
     for target in targets:

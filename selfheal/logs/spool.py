@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..files import make_write_error
 from .base import Rows, Values
+from .formats.common import convert_number
 
 Floats = NDArray[np.float64]
 
@@ -119,6 +120,17 @@ class Spool:
             self._file.readinto(part.data.cast("B") if part.size else b"")
             done, k = done + part.size, k + 1
         return found[:done]
+
+    def find_text(self, stream: str, column: str) -> str | None:
+        """A text of a column, one that is no number if there is; None: of numbers.
+
+        Args:
+            stream: that it is in.
+            column: its name.
+        """
+        texts = self._labels.get((stream, column), {})
+        others = (t for t in texts if t and np.isnan(convert_number(t)))
+        return next(others, next(iter(texts), None))
 
     def get_labels(self, stream: str, column: str) -> Mapping[int, str]:
         """Texts of a column by the numbers that stand for them; none: of numbers."""

@@ -1,6 +1,7 @@
 """Recordings from disk: takes a path, gives a checked Recording."""
 
 import os
+import shlex
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,11 +24,16 @@ from .writing import FORMAT, VERSION
 # values that a file may state without storing them, and how much smaller it may store
 # more; chosen: a short recording of fill values, and the limit of gzip
 MAX_UNSTORED, MAX_COMPRESSION = 1_000_000, 1032
+MODEL = "MODEL.xml"  # what a message names where no model is known
 EPISODE_MEMBERS = ("time", "ctrl", "qpos0", "qvel0", "signals")
 
 
-def read(path: str | os.PathLike[str]) -> Recording:
+def read(path: str | os.PathLike[str], *, model: str = MODEL) -> Recording:
     """Read and check a recording; nothing outside the file is ever opened.
+
+    Args:
+        path: of the file.
+        model: of the robot, for a message that says how a log is imported.
 
     Raises:
         RecordingError: it breaks the contract: file, episode, signal and what would
@@ -35,6 +41,9 @@ def read(path: str | os.PathLike[str]) -> Recording:
     """
     file = Location(os.fspath(path))
     reason = explain_unreadable(path)
+    if os.path.isdir(path) or (not reason and not h5py.is_hdf5(path)):
+        reason = reason or "it is no HDF5 file, as recordings are"
+        raise file.make_error(f"{reason}; {_explain_import(path, model)}")
     if reason := reason or explain_dangerous(path, f"{__name__}:load", "h5py"):
         raise file.make_error(reason)
     try:
@@ -49,6 +58,21 @@ def read(path: str | os.PathLike[str]) -> Recording:
     return recording
 
 
+def _explain_import(path: str | os.PathLike[str], model: str = MODEL) -> str:
+    """How a log of another kind becomes a recording.
+
+    Args:
+        path: of the log.
+        model: of the robot.
+    """
+    words = ("selfheal", "recording", "import", os.fspath(path), "--model", model)
+    command = shlex.join(words)
+    return (
+        f"a log of another kind is imported first: {command} --guess; then {command} "
+        "--map map.toml --out recording.h5"
+    )
+
+
 def load(path: str | os.PathLike[str]) -> Recording:
     """Read a recording that is not checked, whatever that does to the process.
 
@@ -61,14 +85,20 @@ def load(path: str | os.PathLike[str]) -> Recording:
         return _read_recording(root, Location(os.fspath(path)))
 
 
-def open_recording(recording: Recording | str | os.PathLike[str]) -> Recording:
+def open_recording(
+    recording: Recording | str | os.PathLike[str], *, model: str = MODEL
+) -> Recording:
     """A recording, checked: the one that is given, or the one at a path.
+
+    Args:
+        recording: or its path.
+        model: as of `read`.
 
     Raises:
         RecordingError: it breaks the contract.
     """
     if not isinstance(recording, Recording):
-        return read(recording)
+        return read(recording, model=model)
     validate(recording)
     return recording
 
@@ -76,7 +106,9 @@ def open_recording(recording: Recording | str | os.PathLike[str]) -> Recording:
 def _read_recording(root: h5py.File, file: Location) -> Recording:
     found = _read_label(root, "format", file)
     if found != FORMAT:
-        raise file.make_error(f"format is {found!r}; would fit: {FORMAT!r}")
+        raise file.make_error(
+            f"format is {found!r}; would fit: {FORMAT!r}; {_explain_import(file.file)}"
+        )
     version = root.attrs.get("version")
     if not isinstance(version, (int, np.integer)) or version != VERSION:
         raise file.make_error(

@@ -70,6 +70,10 @@ class Fault:
         """Whether it is sure and makes any physics meaningless."""
         return KINDS[self.kind] and self.p_value <= DECISIVE_P_VALUE
 
+    def describe(self) -> str:
+        """What was seen, and what mends it, in one line."""
+        return f"{self.kind}: {self.seen}; mend: {', '.join(self.mend.splitlines())}"
+
 
 def list_decisive(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
     """The faults for which a diagnosis is refused.
@@ -108,10 +112,7 @@ def refuse_faulty(
     found = list_decisive(faults, skip)
     if not found:
         return
-    said = [
-        f"{f.kind}: {f.seen}; mend: {', '.join(f.mend.splitlines())}"
-        for f in found[:MAX_LISTED]
-    ]
+    said = [f.describe() for f in found[:MAX_LISTED]]
     if len(found) > MAX_LISTED:
         said.append(f"{len(found) - MAX_LISTED} more")
     kinds = " ".join(f"--no-check {k}" for k in dict.fromkeys(f.kind for f in found))

@@ -153,7 +153,7 @@ BAD = [
     (["arm.xml", "no.h5"], "no.h5: there is no such file"),
     (["arm.xml", "a.h5", "a.h5"], "a.h5 is given twice"),
     (["arm.xml", "a.h5", "./b.h5", "b.h5"], "b.h5 is given twice"),
-    (["arm.xml", "arm.xml"], "arm.xml: it is damaged or not HDF5"),
+    (["arm.xml", "arm.xml"], "arm.xml: it is no HDF5 file"),
     (["arm.xml", "a.h5", "--seed", "-1"], "seed must not be negative"),
     (["arm.xml", "a.h5", "--out", "b.h5"], "b.h5 is a file"),
     (["arm.xml", "a.h5", "--out", "/proc/x/y"], "cannot write"),
@@ -323,7 +323,7 @@ def test_replay_refuses_before_any_work(doctor, diagnosed, files, tmp_path):
     bad = [
         ([tmp_path, a, "--out", good], "is no diagnosis: it has no diagnosis.json"),
         ([diagnosed, "no.h5", "--out", good], "no.h5: there is no such file"),
-        ([diagnosed, model, "--out", good], "it is damaged or not HDF5"),
+        ([diagnosed, model, "--out", good], "it is no HDF5 file"),
         ([diagnosed, a, "--out", a], "would overwrite"),
         ([diagnosed, a, "--out", diagnosed / "patched.xml"], "would overwrite"),
         ([diagnosed, a, "--out", a, "--force"], "would overwrite"),

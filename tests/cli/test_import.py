@@ -74,7 +74,7 @@ def test_a_guess_writes_a_map_that_imports(home):
     [
         (("log.csv", "--model", "robot.xml"), "give either --map MAP.toml or --guess"),
         (("log.csv", "--model", "robot.xml", "--map", "map.toml"), "--out FILE.h5 is"),
-        (("log.csv", "--model", "robot.xml", "--guess"), "map.toml exists"),
+        (("log.csv", "--model", "robot.xml", "--guess"), "map.toml is there already"),
         (("no.csv", "--model", "robot.xml", "--map", "map.toml", "--out", "r.h5"),
          "no.csv: there is no such"),
         (("log.csv", "--model", "no.xml", "--map", "map.toml", "--out", "r.h5"),

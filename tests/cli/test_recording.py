@@ -93,7 +93,7 @@ def test_a_refused_file_is_one_message_and_code_2(tmp_path):
         result = _check(tmp_path / "bad.h5", *arguments)
         assert result.exit_code == 2
         assert result.stdout == ""
-        assert result.stderr.startswith(f"selfheal: {tmp_path}/bad.h5: it is damaged")
+        assert result.stderr.startswith(f"selfheal: {tmp_path}/bad.h5: it is no HDF5")
         assert "Traceback" not in result.stderr
 
 

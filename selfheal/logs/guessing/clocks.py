@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...errors import InputError
 from ..base import Stream
 from ..log_map import Clock, EpisodeRule
 from ..motion import Sample
-from ..units import find_unit
+from ..units import find_unit, get_unit
 from .column_names import read_name
 
 _TIME_WORDS = {"time", "timestamp", "t", "stamp", "sec", "secs", "seconds", "clock",
@@ -112,6 +113,35 @@ def _guess_time_unit(stated: str, values: np.ndarray) -> tuple[str, float]:
         if _SHORTEST <= step * factor <= _LONGEST
     ]
     return (fits[0], 0.95 if len(fits) == 1 else 0.8) if fits else ("s", 0.3)
+
+
+def check_time_unit(clock: Clock, what: str, values: np.ndarray) -> str:
+    """What is odd about the unit of a column of times; "" where nothing is.
+
+    Args:
+        clock: as the map states it.
+        what: the column, as the beginning of a sentence.
+        values: (n) of it.
+
+    Raises:
+        InputError: rows come as those of no robot, and the map states no unit.
+    """
+    if not _is_increasing(values):
+        return ""
+    step, (unit, _) = _measure_step(values), _guess_time_unit("", values)
+    stated = clock.unit or "s"
+    seconds, likelier = (step * get_unit(u).factor for u in (stated, unit))
+    if _SHORTEST <= seconds <= _LONGEST or unit == stated:
+        return ""
+    said = (
+        f"{what} goes up by {step:.4g} from row to row, which is "
+        f"{seconds:.3g} s in {stated} and would be {likelier:.3g} s in {unit}"
+    )
+    if not clock.unit:
+        raise InputError(
+            f'{said}; would fit in the map: [time] unit = "{unit}", or unit = "s"'
+        )
+    return said
 
 
 def _guess_episodes(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...printable import join_names
+from ...recording import NO_ACTUATORS
 from ..base import Log, Stream
 from ..log_map import COMMAND
 from ..model_facts import Place, format_servo, group_places, list_places
@@ -313,6 +314,11 @@ def _list_remarks(
             f"no command was found for {join_names(found.missing)}: without commands "
             "nothing can be diagnosed; a constant one is columns = [] and offset"
         )
+    if not model.nactuator:
+        said.append(f"the model has no actuators. {NO_ACTUATORS}")
+    empty = [m.column.name for m in matches if not np.isfinite(m.column.values).any()]
+    if empty:
+        said.append(f"no number is in {join_names(empty)}")
     absent = [p.name for p in by_kind.get("joint_position", ())
               if p.joint not in positions]  # fmt: skip
     if absent:

@@ -66,7 +66,7 @@ def _format_time(guess: Guess) -> list[str]:
 def _format_clock(clock: Clock) -> Iterator[str]:
     if clock.column:
         yield f"column = {_quote(clock.column)}"
-    if clock.unit != "s":
+    if clock.unit not in ("", "s"):
         yield f"unit = {_quote(clock.unit)}"
     if clock.rate is not None:
         yield f"rate = {clock.rate}"
