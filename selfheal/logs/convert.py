@@ -1,7 +1,7 @@
 """Logs to recordings: paths, a map and a model in; a file and a report out."""
 
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -87,7 +87,7 @@ def import_logs(
             raise InputError(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
-        _note_empty(resolved, told, made)
+        made.remarks += _list_empty(resolved, told)
     if not names.controls:
         made.remarks.append(
             f"the model has no actuators: right where nothing drives it. {NO_ACTUATORS}"
@@ -95,28 +95,19 @@ def import_logs(
     return made
 
 
-def _note_empty(
-    resolved: Sequence[Sequence[Channel]],
-    told: Collection[tuple[str, str]],
-    made: ImportReport,
-) -> None:
-    """Note signals without a number.
+def _list_empty(
+    resolved: Sequence[Sequence[Channel]], told: Collection[tuple[str, str]]
+) -> Iterator[str]:
+    """A remark on signals without a number, if there are any.
 
     Args:
         resolved: channels of each log.
         told: kind and target of those in which there was a number.
-        made: to be noted in.
-
-    Raises:
-        InputError: no signal has any.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
     empty = [c for c in signals if (c.kind, c.target) not in told]
-    names = join_names(dict.fromkeys(repr(n) for c in empty for n in c.columns))
-    if empty and len(empty) == len(signals):
-        raise InputError(f"no number is in any signal's column: {names}")
-    if empty:
-        made.remarks.append(f"no number is in {names}: an empty signal")
+    if names := dict.fromkeys(repr(n) for c in empty for n in c.columns):
+        yield f"no number was taken from {join_names(names)}: an empty signal"
 
 
 def _measure_size(path: Path) -> int:

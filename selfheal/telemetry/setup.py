@@ -12,7 +12,7 @@ from .balance import TorqueBalance
 from .fault import Fault, format_columns
 from .joints import follows_command
 from .pairs import FAR_BETTER, UNIT_RATIO, correlation_p_value, relate
-from .states import Mend, States, free_joint_type
+from .states import Mend, States, free_joint_type, write_base_mend
 
 if TYPE_CHECKING:
     import mujoco
@@ -65,9 +65,7 @@ def _find_free_bases(
                 f"body {name!r} has a free joint and no ground below it, and no signal "
                 "tells its pose: in the model it falls",
                 0.0, COUNTED,
-                f"leave out the free joint of {name}, if the robot hangs or is bolted "
-                f'down\nor log its pose: [[signals]] kind = "body_position" and '
-                f'"body_orientation", targets = ["{name}"]',
+                write_base_mend(name),
             )  # fmt: skip
 
 

@@ -82,8 +82,10 @@ class States:
         if (m.jnt_type == ball).any():
             return "the model has a ball joint, which no signal reads"
         free = np.flatnonzero(m.jnt_type == free_joint_type())
-        if not set(free.tolist()) <= set(self.bases):
-            return "the pose of a body with a free joint is not read"
+        for base in set(free.tolist()) - set(self.bases):
+            name = m.body(m.jnt_bodyid[base]).name
+            mend = ", ".join(write_base_mend(name).splitlines())
+            return f"the pose of {name!r}, which has a free joint, is not read: {mend}"
         if lost := [j.name for j in self.joints.values() if not j.position]:
             return f"the position of joint {lost[0]!r} is not read"
         return ""
@@ -167,6 +169,15 @@ def _find_bases(
             if pose[0] and pose[1]:
                 found[j] = (pose[0], pose[1])
     return found
+
+
+def write_base_mend(body: str) -> str:
+    """What to do about a body with a free joint whose pose nothing reads."""
+    return (
+        f"leave out the free joint of {body}, if the robot hangs or is bolted down\n"
+        'or log its pose: [[signals]] kind = "body_position" and "body_orientation", '
+        f'targets = ["{body}"]'
+    )
 
 
 def free_joint_type() -> int:

@@ -118,7 +118,8 @@ def test_commands_of_two_streams_begin_with_what_was_held(tmp_path):
         f'[[signals]]\nkind = "command"\ncolumns = "{c}"\ntargets = ["{j}"]\n'
         for c, j in (("y", "knee"), ("x", "hip"))
     )
-    recording, _ = _import(TableLog(streams), f'[time]\ncolumn = "t"\n{text}', tmp_path)
+    text = f'[time]\ncolumn = "t"\nunit = "s"\n{text}'
+    recording, _ = _import(TableLog(streams), text, tmp_path)
     episode = recording.episodes["000"]
     assert episode.ctrl.tolist() == [[1, 3], [2, 3], [2, 4]]
 
@@ -254,7 +255,7 @@ def test_what_does_not_fit_is_said_and_nothing_is_written(text, said, tmp_path):
 
 
 def test_a_star_takes_all_columns_that_differ_there(tmp_path):
-    table = {"t": np.arange(4.0), **{f"pos[{j}]": np.ones(4) * k
+    table = {"t": 0.01 * np.arange(4), **{f"pos[{j}]": np.ones(4) * k
              for k, j in enumerate(("knee", "hip"))}}  # fmt: skip
     text = '[time]\ncolumn = "t"\n' + "".join(
         f'[[signals]]\nkind = "{kind}"\ncolumns = "pos[*]"\n'

@@ -76,6 +76,12 @@ def record(
 
 
 @pytest.fixture(scope="session")
+def make_arm():
+    """Compiles the arm with some actuators."""
+    return lambda text: mujoco.MjModel.from_xml_string(ARM.replace("ACTUATORS", text))
+
+
+@pytest.fixture(scope="session")
 def servo_arm():
     """The servo arm: model and recording."""
     xml = ARM.replace("ACTUATORS", SERVOS)

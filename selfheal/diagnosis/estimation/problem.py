@@ -334,11 +334,13 @@ def check_enough_segments(simulator: Simulator, problem: Problem) -> None:
     if len(problem.segments) < MIN_SEGMENTS and (
         unmeasured := list_unmeasured_joints(simulator)
     ):
+        has_base = (simulator.compiler.nominal.jnt_type == 0).any()  # mjtJoint: free
+        welded = "; or no free joint, if the robot hangs or is bolted down"
         raise RecordingError(
             f"no signal tells the position of {join_names(unmeasured)}, so that an "
             f"episode is one piece, and {len(simulator.episodes)} are too few to "
             f"decide anything; would fit: record it, or at least {MIN_SEGMENTS} "
-            "episodes beside what is held out"
+            f"episodes beside what is held out{welded * bool(has_base)}"
         )
     if len(problem.segments) < MIN_SEGMENTS:
         raise RecordingError(

@@ -248,10 +248,17 @@ def list_unmeasured_joints(simulator: Simulator) -> list[str]:
     model = simulator.compiler.nominal
     is_measured = StateReconstruction(simulator).is_measured
     return [
-        f"joint {model.joint(j).name!r}"
+        _describe_joint(model, j)
         for j in range(model.njnt)
         if not is_measured[model.jnt_qposadr[j]]
     ]
+
+
+def _describe_joint(model, joint: int) -> str:
+    """A joint as a message names it; a floating base by its body."""
+    if model.jnt_type[joint] == 0:  # mjtJoint: free
+        return f"the free base {model.body(model.jnt_bodyid[joint]).name!r}"
+    return f"joint {model.joint(joint).name!r}"
 
 
 def _is_state_known(simulator: Simulator, episode: int, at: np.ndarray) -> np.ndarray:

@@ -173,7 +173,7 @@ def test_a_table_without_rows_has_none(write):
         ("t,q\n" + "1,2\n" * 2000 + "1,two\n", "conversion error"),
         ("t,q\n" + "1,2\n" * 2000 + "1\n1,2\n", "Expected 2 columns"),
         ("some words\nof no table at all\n", "no table"),
-        ("", "no log that is read"),
+        ("", "it is empty"),
         (gzip.compress(PLAIN.encode(), mtime=0)[:-9], "damaged table"),
     ],
 )
