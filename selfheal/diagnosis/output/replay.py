@@ -51,7 +51,8 @@ def replay_recording(
 
     Args:
         folder: of a diagnosis.
-        recording: commands and initial states; signals of NaN say what is asked for.
+        recording: commands and initial states, or readings that tell where an episode
+            starts; signals say what is asked for.
         model: another version of the robot's model; None: the patched one.
 
     Raises:

@@ -225,16 +225,17 @@ class Diagnosis:
         """The signals that this diagnosis predicts, as `selfheal replay` does.
 
         Args:
-            recording: or its path: commands, initial states, and the signals that are
-                asked for; their readings do not matter and may all be NaN.
+            recording: or its path: commands, and the signals that are asked for. Their
+                readings tell where an episode without qpos0 starts, as for a diagnosis;
+                else they may all be NaN.
             model: another version of the robot's model to apply the findings to.
 
         Returns:
             The recording with every signal that a model predicts filled in, open loop.
 
         Raises:
-            RecordingError: an episode has no qpos0, does not fit the model, or makes
-                it diverge.
+            RecordingError: nothing tells where an episode starts, or it does not fit
+                the model, or makes it diverge.
             InputError: the model lacks what a finding is about.
         """
         from .replay import replay_recording

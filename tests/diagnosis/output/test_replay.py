@@ -7,7 +7,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from selfheal.diagnosis.data.state_estimate import estimate_initial_state
 from selfheal.diagnosis.output.replay import replay_recording
+from selfheal.diagnosis.simulation.build import build_simulator
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.errors import RecordingError
 from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import Signal, list_model_names, load_model
@@ -128,10 +131,44 @@ def test_supply_voltage_and_temperature_stay_unread(empty_diagnosis):
     assert np.isfinite(signals["elbow"].values).all()
 
 
-def test_a_missing_qpos0_is_refused_with_its_episode(empty_diagnosis):
+def test_a_start_that_nothing_tells_is_refused_with_its_episode(empty_diagnosis):
     out, recording = empty_diagnosis
-    with pytest.raises(RecordingError, match="'000': it has no qpos0"):
-        replay_recording(out, _with(recording, qpos0=None))
+    with pytest.raises(RecordingError, match="'000': it has no qpos0 and no reading"):
+        replay_recording(out, _with(_emptied(recording), qpos0=None))
+
+
+@pytest.mark.parametrize("lost", [("qpos0",), ("qvel0",), ("qpos0", "qvel0")])
+def test_a_start_that_is_not_given_is_read_as_a_diagnosis_reads_it(
+    lost, empty_diagnosis
+):
+    out, recording = empty_diagnosis
+    asked = _with(recording, **dict.fromkeys(lost))
+    simulator = build_simulator(ModelCompiler(str(out / "patched.xml")), [asked])
+    episodes = {}
+    for i, (key, episode) in enumerate(asked.episodes.items()):
+        q, v, _ = estimate_initial_state(simulator, i, np.zeros(1, int), {})
+        episodes[key] = replace(episode, qpos0=q[0], qvel0=v[0])
+    told = replay_recording(out, replace(asked, episodes=episodes))
+    for key, episode in replay_recording(out, asked).episodes.items():
+        for name in ("shoulder", "elbow"):
+            both = [e.signals[name].values for e in (episode, told.episodes[key])]
+            np.testing.assert_allclose(*both, atol=1e-6)
+
+
+def test_a_bias_that_was_found_is_taken_off_the_start(empty_diagnosis):
+    out, recording = empty_diagnosis
+    asked = _with(recording, qpos0=None, qvel0=None)
+    plain = replay_recording(out, asked)
+    bias = {"name": "bias", "value": 0.3}
+    write_finding(out, effect="sensor_bias", target="sensor:elbow", parameters=[bias])
+    biased = replay_recording(out, asked)
+    for key, episode in biased.episodes.items():
+        first = [e.signals["elbow"].values[0] for e in (episode, plain.episodes[key])]
+        np.testing.assert_allclose(*first, atol=1e-6)
+        last = [
+            e.signals["shoulder"].values[-1] for e in (episode, plain.episodes[key])
+        ]
+        assert abs(last[0] - last[1]) > 1e-3
 
 
 @pytest.mark.parametrize("size", [1, 3])
@@ -141,9 +178,9 @@ def test_a_qpos0_of_another_model_is_refused(size, empty_diagnosis):
         replay_recording(out, _with(recording, qpos0=np.zeros(size)))
 
 
-def test_a_missing_qvel0_is_rest(empty_diagnosis):
+def test_a_qvel0_that_nothing_tells_is_rest(empty_diagnosis):
     out, recording = empty_diagnosis
-    bare = replay_recording(out, _with(recording, qvel0=None))
+    bare = replay_recording(out, _with(_emptied(recording), qvel0=None))
     rest = replay_recording(out, _with(recording, qvel0=np.zeros(2)))
     for key, episode in bare.episodes.items():
         other = rest.episodes[key].signals["elbow"].values
