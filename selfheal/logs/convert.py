@@ -53,22 +53,17 @@ def import_logs(
         RecordingError: a converted value breaks the contract.
     """
     made = ImportReport()
-    resolved = [resolve_rules(log_map.signals, log, names, map_name) for log in logs]
-    for channels in resolved:
-        check_commands(channels, names, map_name)
+    resolved = [_resolve_log(log, log_map, names, map_name) for log in logs]
     _note_assumed(resolved[0], made)
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
-    order = {name: k for k, name in enumerate(names.commands)}
     size = sum(_measure_size(log.path) for log in logs)
-    compression = "gzip" if size < _LARGE else None
     rows, told = 0, set[tuple[str, str]]()
-    with open_writer(path, robot, source, compression=compression) as writer:
+    with open_writer(
+        path, robot, source, compression="gzip" if size < _LARGE else None
+    ) as writer:
         for log, channels in zip(logs, resolved, strict=True):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
-            channels = sorted(
-                channels, key=lambda c: order[c.target] if c.kind == COMMAND else -1
-            )
             with Spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
                 converter.read_log(report)
@@ -87,27 +82,45 @@ def import_logs(
             raise InputError(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
-        made.remarks += _list_empty(resolved, told)
-    if not names.controls:
-        made.remarks.append(
-            f"the model has no actuators: right where nothing drives it. {NO_ACTUATORS}"
-        )
+    made.remarks += _list_remarks(resolved, told, names)
     return made
 
 
-def _list_empty(
-    resolved: Sequence[Sequence[Channel]], told: Collection[tuple[str, str]]
+def _resolve_log(
+    log: Log, log_map: LogMap, names: ModelNames, map_name: str
+) -> list[Channel]:
+    """The channels of a log, its commands in the order of the model's actuators.
+
+    Args:
+        log: that holds the columns.
+        log_map: of it.
+        names: of the model.
+        map_name: of the map, for messages.
+    """
+    channels = resolve_rules(log_map.signals, log, names, map_name)
+    check_commands(channels, names, map_name)
+    order = {name: k for k, name in enumerate(names.commands)}
+    return sorted(channels, key=lambda c: order[c.target] if c.kind == COMMAND else -1)
+
+
+def _list_remarks(
+    resolved: Sequence[Sequence[Channel]],
+    told: Collection[tuple[str, str]],
+    names: ModelNames,
 ) -> Iterator[str]:
-    """A remark on signals without a number, if there are any.
+    """What a user should look at: signals without a number, a model without actuators.
 
     Args:
         resolved: channels of each log.
         told: kind and target of those in which there was a number.
+        names: of the model.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
     empty = [c for c in signals if (c.kind, c.target) not in told]
-    if names := dict.fromkeys(repr(n) for c in empty for n in c.columns):
-        yield f"no number was taken from {join_names(names)}: an empty signal"
+    if columns := dict.fromkeys(repr(n) for c in empty for n in c.columns):
+        yield f"no number was taken from {join_names(columns)}: an empty signal"
+    if not names.controls:
+        yield f"the model has no actuators, as if nothing drove it. {NO_ACTUATORS}"
 
 
 def _measure_size(path: Path) -> int:
