@@ -120,7 +120,7 @@ def _list_remarks(
     if columns := dict.fromkeys(repr(n) for c in empty for n in c.columns):
         yield f"no number was taken from {join_names(columns)}: an empty signal"
     if not names.controls:
-        yield f"the model has no actuators, as if nothing drove it. {NO_ACTUATORS}"
+        yield f"the model has no actuators, as if nothing drove it; {NO_ACTUATORS}"
 
 
 def _measure_size(path: Path) -> int:

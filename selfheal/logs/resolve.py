@@ -89,7 +89,7 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
     sort = "actuator" if rule.kind == COMMAND else KINDS[rule.kind].target
     known: Collection[str] = names.targets[sort]
     if rule.kind == COMMAND and not names.controls:
-        raise InputError(f"the model has no actuators. {NO_ACTUATORS}")
+        raise InputError(f"the model has no actuators; {NO_ACTUATORS}")
     if rule.kind == COMMAND:
         known = names.commands
     for target in targets:

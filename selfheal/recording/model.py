@@ -10,8 +10,9 @@ from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
 # what to do about a model without actuators, at the end of a message
 NO_ACTUATORS = (
-    "MuJoCo reads no actuators from a URDF; write servos by: selfheal model prepare "
-    "ROBOT.urdf --kp KP --kv KV --out m.xml"
+    "would fit: an <actuator> section in the MJCF; MuJoCo reads none from a URDF, of "
+    "which an MJCF with servos is made by: selfheal model prepare ROBOT.urdf --kp KP "
+    "--kv KV --out m.xml"
 )
 
 
@@ -78,7 +79,7 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
     if given and not model:
         raise place.make_error(
             f"ctrl has a column for {format_names(given)}, but the model has no "
-            f"actuator with a name; would fit: a model with them. {NO_ACTUATORS}"
+            f"actuator with a name; {NO_ACTUATORS}"
         )
     if names.unnamed:
         raise place.make_error(

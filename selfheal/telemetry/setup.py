@@ -10,6 +10,7 @@ from ..recording import NO_ACTUATORS, Recording, find_joint
 from ..recording.data import Floats
 from .balance import TorqueBalance
 from .fault import Fault, format_columns
+from .joint_faults import MAX_LEFT
 from .joints import follows_command
 from .pairs import FAR_BETTER, UNIT_RATIO, correlation_p_value, relate
 from .states import Mend, States, free_joint_type, write_base_mend
@@ -113,7 +114,8 @@ def _find_motors_sent_goals(
         position = series.signals[joint.position][:, 0, 0]
         relation = relate(goal, position, series.episode, lags)
         is_goal = relation.is_same and 1 / UNIT_RATIO < relation.ratio < UNIT_RATIO
-        if not is_goal or 1 - relation.r**2 > FAR_BETTER * left.get(joint.name, 1.0):
+        unexplained = left.get(joint.name, MAX_LEFT)  # at least, where it is not known
+        if not is_goal or 1 - relation.r**2 > FAR_BETTER * unexplained:
             continue
         independent = INDEPENDENT_SECONDS / series.step
         yield Fault(

@@ -315,7 +315,7 @@ def _list_remarks(
             "nothing can be diagnosed; a constant one is columns = [] and offset"
         )
     if not model.nactuator:
-        said.append(f"the model has no actuators. {NO_ACTUATORS}")
+        said.append(f"the model has no actuators; {NO_ACTUATORS}")
     empty = [m.column.name for m in matches if not np.isfinite(m.column.values).any()]
     if empty:
         said.append(f"no number is in {join_names(empty)}")
