@@ -14,7 +14,7 @@ from .odd import find_odd
 from .ranges import find_beyond
 from .rollouts import Rollouts
 from .series import build_series
-from .setup import find_setup_faults
+from .setup import find_missing_actuators, find_setup_faults
 from .stale import find_stale
 from .states import X_Y_Z_W, Mend
 from .timing import find_time_faults
@@ -91,6 +91,8 @@ def _examine_motion(
         others = _examine_motion(replace(recording, episodes=rest), model, held)
         return Telemetry((*odd, *others.faults), others.unchecked)
     faults = setup + _find_faults(recording, check, rollouts, held)
+    if not check.is_late and not any(f.is_decisive for f in faults):
+        faults += find_missing_actuators(recording, check.balance)
     reason = check.balance.reason
     said = (f"the balance of torques: {reason}",) if reason else ()
     return Telemetry(tuple(faults), said)
