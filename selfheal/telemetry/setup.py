@@ -47,7 +47,7 @@ def find_setup_faults(recording: Recording, balance: TorqueBalance) -> list[Faul
 def _find_free_bases(
     recording: Recording, model: "mujoco.MjModel", read: Collection[int]
 ) -> Iterator[Fault]:
-    """Floating bodies that nothing reads and that nothing in the model carries.
+    """Floating bodies with joints that nothing reads and nothing in the model carries.
 
     Args:
         recording: of the robot.
@@ -58,8 +58,9 @@ def _find_free_bases(
     if (solid & (model.body_weldid[model.geom_bodyid] == 0)).any():
         return
     for j in np.flatnonzero(model.jnt_type == free_joint_type()):
-        if j not in read:
-            name = _name_body(model, model.jnt_bodyid[j])
+        base = model.jnt_bodyid[j]
+        if j not in read and (model.body_rootid[model.jnt_bodyid] == base).sum() > 1:
+            name = _name_body(model, base)
             yield Fault(
                 "free_base", tuple(recording.episodes), (), name,
                 f"body {name!r} has a free joint and no ground below it, and no signal "

@@ -136,6 +136,15 @@ def test_a_base_that_is_read_or_stands_is_no_fault(leg):
     assert found.faults == () and "'trunk'" in found.unchecked[0]
 
 
+def test_a_loose_body_that_nobody_asks_about_is_no_base(leg):
+    loose = '<body name="ball" pos="1 0 0"><freejoint/><geom size=".01"/></body>'
+    xml = LEG.replace("BASE", "").replace("MORE", APART)
+    model = mujoco.MjModel.from_xml_string(
+        xml.replace("</worldbody>", f"{loose}</worldbody>")
+    )
+    assert check_telemetry(leg, model) == []
+
+
 def test_bodies_that_always_touch_are_told_with_the_line_that_parts_them(leg):
     (fault,) = check_telemetry(leg, _compile())
     assert fault.kind == "permanent_contact" and not fault.is_decisive
