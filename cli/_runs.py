@@ -64,9 +64,10 @@ def _make_folder(folder: Path, force: bool) -> bool:
 
 def refuse_existing(path: Path, *, force: bool) -> None:
     """Refuse to write over a file, unless the user said so."""
-    if path.exists() and not force:
+    if os.path.lexists(path) and not force:
         raise InputError(
-            f"{path} is there already; --force replaces it, or give another name"
+            f"{path} is there already; --force replaces it, or give another name by "
+            "--out"
         )
 
 

@@ -1,6 +1,5 @@
 """`selfheal recording export`: a recording, perhaps a diagnosis, in; a file out."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import typer
 
 from ._options import complete, list_formats
 from ._print import print_json, print_line
+from ._runs import refuse_existing
 
 
 def export(
@@ -45,11 +45,7 @@ def export(
         raise UnknownNameError("format", to, FORMATS)
     out = out or Path(f"{file.stem}.{to}")
     check_writable(out)
-    if os.path.lexists(out) and not force:
-        raise InputError(
-            f"{out} is there already; --force replaces it, or give another name by "
-            "--out"
-        )
+    refuse_existing(out, force=force)
     recording, predicted = read(file), None
     if out.exists() and out.samefile(file):
         raise InputError(f"--out {out} would overwrite the recording itself")
