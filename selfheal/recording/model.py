@@ -10,9 +10,8 @@ from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
 # what to do about a model without actuators, at the end of a message
 NO_ACTUATORS = (
-    "would fit: an <actuator> section in the MJCF; MuJoCo reads none from a URDF, of "
-    "which an MJCF with servos is made by: selfheal model prepare ROBOT.urdf --kp KP "
-    "--kv KV --out m.xml"
+    "would fit: those that are written, to a URDF or an MJCF, by: selfheal model prepare "
+    "ROBOT.urdf --kp KP --kv KV --out m.xml"
 )
 
 

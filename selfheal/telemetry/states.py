@@ -174,7 +174,8 @@ def _find_bases(
 def write_base_mend(body: str) -> str:
     """What to do about a body with a free joint whose pose nothing reads."""
     return (
-        f"leave out the free joint of {body}, if the robot hangs or is bolted down\n"
+        f"leave out the free joint of {body}, if the robot hangs or is bolted down "
+        "(selfheal model prepare ROBOT.xml --kp KP --weld-base --out m.xml)\n"
         'or log its pose: [[signals]] kind = "body_position" and "body_orientation", '
         f'targets = ["{body}"]'
     )
