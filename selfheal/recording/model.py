@@ -10,8 +10,8 @@ from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
 # what to do about a model without actuators, at the end of a message
 NO_ACTUATORS = (
-    "would fit: those that are written, to a URDF or an MJCF, by: selfheal model prepare "
-    "ROBOT.urdf --kp KP --kv KV --out m.xml"
+    "would fit: those that are written, to a URDF or an MJCF, by: selfheal model "
+    "prepare ROBOT.urdf --kp KP --kv KV --out m.xml"
 )
 
 
