@@ -10,7 +10,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -21,6 +20,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from benchmarks.replay_error import compute_score, drop_samples, extract_values
+from benchmarks.writer import tell_progress
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND, GIVEN, find_cases
@@ -183,11 +183,7 @@ def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
         for count, future in enumerate(as_completed(futures), 1):
             record = future.result()
             failed += record["exit_code"] != 0
-            rest = (time.perf_counter() - start) / count * (len(todo) - count)
-            print(
-                f"{count}/{len(todo)} {futures[future].name}: exit "
-                f"{record['exit_code']}, {record['seconds']:.1f} s; about "
-                f"{rest / 60:.1f} min left",
-                file=sys.stderr,
-            )
+            said = f"{futures[future].name}: exit {record['exit_code']}, "
+            said += f"{record['seconds']:.1f} s"
+            tell_progress(said, count, len(todo), start)
     return failed

@@ -1,13 +1,12 @@
 """Suites that go on where they stopped: runs in, one line of JSON for each out."""
 
 import json
-import sys
 import time
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.writer import RESULTS, make_parser
+from benchmarks.writer import RESULTS, make_parser, tell_progress
 
 Record = dict[str, Any]
 KeyedRuns = Iterable[tuple[str, Callable[[], Record]]]
@@ -36,15 +35,15 @@ def complete_suite(benchmark: str, suite: str, runs: KeyedRuns) -> None:
     """
     done = read_records(benchmark, suite)
     RESULTS.mkdir(parents=True, exist_ok=True)
-    for key, play in runs:
-        if key in done:
-            continue
+    left = [(key, play) for key, play in runs if key not in done]
+    begun = time.perf_counter()
+    for count, (key, play) in enumerate(left, 1):
         start, cpu = time.perf_counter(), time.process_time()
         record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
         with (RESULTS / f"{benchmark}-{suite}.jsonl").open("a") as out:
             out.write(json.dumps(record) + "\n")
         spent = time.perf_counter() - start
-        print(f"{suite} {key}: {spent:.1f} s", file=sys.stderr)
+        tell_progress(f"{suite} {key}: {spent:.1f} s", count, len(left), begun)
 
 
 def run_suites(

@@ -6,6 +6,7 @@ import os
 import platform
 import shlex
 import sys
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date
@@ -52,6 +53,23 @@ def make_parser(text: str) -> argparse.ArgumentParser:
         help="results go to ROOT/benchmarks/results and ROOT/docs/results",
     )
     return line
+
+
+def tell_progress(said: str, done: int, total: int, begun: float) -> None:
+    """Say on standard error what was done, how much of all, and the time left.
+
+    Args:
+        said: of the last one.
+        done: how many are.
+        total: how many there are to do.
+        begun: `time.perf_counter()` when the first one began [s].
+    """
+    left = (time.perf_counter() - begun) / done * (total - done)
+    print(
+        f"{done}/{total} {said}; about {left / 60:.1f} min left",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def count_cores() -> int:

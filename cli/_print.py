@@ -49,7 +49,7 @@ def print_table(
     title: str = "",
     whole: int = 0,
 ) -> None:
-    """Print a table.
+    """Print a table in which no word is broken; too wide for one, row by row.
 
     Args:
         head: names of the columns.
@@ -57,15 +57,78 @@ def print_table(
         title: above it.
         whole: number of first columns whose cells are never broken.
     """
+    from rich.measure import Measurement
     from rich.table import Table
 
+    console = _make_console()
+    names, cells = [*map(_make_text, head)], [[*map(_make_cell, row)] for row in rows]
     above = _make_text(title, "table.title") if title else None
+    spans = [
+        [Measurement.get(console, console.options, text) for text in column]
+        for column in zip(names, *cells, strict=True)
+    ]
+    least = [max(s.maximum if k < whole else s.minimum for s in column)
+             for k, column in enumerate(spans)]  # fmt: skip
+    most = [max(s.maximum for s in column) for column in spans]
+    room = console.width - _BORDER * len(head) - 1
+    if sum(least) > room:
+        _print_records(console, above, names, cells)
+        return
     table = Table(title=above, title_justify="left")
-    for column, name in enumerate(head):
-        table.add_column(_make_text(name), overflow="fold", no_wrap=column < whole)
-    for row in rows:
-        table.add_row(*map(_make_cell, row))
-    _make_console().print(table)
+    for name, width in zip(names, _share_room(least, most, room), strict=True):
+        table.add_column(name, width=width)
+    for row in cells:
+        table.add_row(*row)
+    console.print(table)
+
+
+_BORDER = 3  # characters of a column that are none of its text: a line, two blanks
+
+
+def _share_room(least: Sequence[int], most: Sequence[int], room: int) -> Sequence[int]:
+    """Widths of columns in a room that holds the least of all: the widest ones give.
+
+    Args:
+        least: width of each column's longest word.
+        most: width of each column on one line.
+        room: in all.
+    """
+    for limit in range(max(most), 0, -1):
+        widths = [max(a, min(b, limit)) for a, b in zip(least, most, strict=True)]
+        if sum(widths) <= room:
+            return widths
+    return least
+
+
+def _print_records(
+    console: "Console",
+    title: "Text | None",
+    names: Sequence["Text"],
+    cells: Iterable[Sequence["Text"]],
+) -> None:
+    """Print each row by itself, its first cell above the others.
+
+    Args:
+        console: of the terminal.
+        title: above all.
+        names: of the columns.
+        cells: of the rows.
+    """
+    from rich.text import Text
+
+    if title is not None:
+        console.print(title)
+    for row in cells:
+        row[0].stylize("bold")
+        console.print(row[0])
+        marked = [name + Text(": ") if name.plain else name for name in names[1:]]
+        said = Text("; ").join(
+            name + Text(", ").join(cell.split())
+            for name, cell in zip(marked, row[1:], strict=True)
+            if cell.plain
+        )
+        for line in said.wrap(console, console.width - 2):
+            console.print(Text("  ") + line)
 
 
 def _make_console() -> "Console":

@@ -76,7 +76,7 @@ def refuse_settings(context: typer.Context, heeded: Sequence[str] = ()) -> None:
     given = [
         "--" + name.replace("_", "-")
         for name in context.params
-        if name not in ("resume", "as_json", *heeded)
+        if name not in ("resume", "as_json", "progress", *heeded)
         and (source := context.get_parameter_source(name))
         and source.name == "COMMANDLINE"
     ]

@@ -12,9 +12,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.printable import join_names
+
 from ._options import complete, list_faults, out_file, out_folder
 from ._print import print_json, print_line, print_table, print_text
-from ._progress import ProgressBar
+from ._progress import ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
 if TYPE_CHECKING:
@@ -33,9 +35,11 @@ _STAGES = {
     "fitting": "fitting the best of them together with all stated values",
 }
 _MEANS = (
-    "Normalized error on held-out recordings; 1 is as far off as a constant. given: "
-    "the model as it is; refit: what it states, fitted anew; patched: with the "
-    "findings; floor: what noise alone leaves."
+    "Root mean square errors on held-out recordings, replayed in segments of that "
+    "length; normalized, 1 is as far off as a constant. given: the model as it is; "
+    "refit: what it states, fitted anew; patched: with the findings; floor: what noise "
+    "alone leaves. Error without a finding: how many times as large, all else fitted "
+    "anew."
 )
 
 
@@ -70,6 +74,7 @@ def diagnose(
         float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
     ] = 30.0,
     as_json: Annotated[bool, _JSON] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
     # its matrices are small: a second thread waits, spinning, for the first; before
@@ -81,7 +86,7 @@ def diagnose(
     out = out or _choose_folder(model, resume)
     with (
         claim_folder(out, force=force, resume=resume) as memory,
-        ProgressBar("reading", quiet=as_json) as live,
+        ProgressBar("reading", as_json=as_json, asked=progress) as live,
     ):
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
@@ -154,13 +159,16 @@ class _StageProgress:
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     """The verdict, the findings, the errors, the files."""
     from selfheal.diagnosis.output.storage import ALL_FILES
+    from selfheal.report.errors import state_errors
     from selfheal.report.phrases import state_verdict
 
     print_text(state_verdict(found.document), "bold", is_wrapped=False)
+    for said in state_errors(found.document["fit"]):
+        print_text(said, is_wrapped=False)
     _print_findings(found.document["findings"])
     _print_fit(found.document["fit"])
     for remark in found.remarks:
-        print_line(f"note: {remark}")
+        print_text(f"note: {remark}")
     for name in ALL_FILES:
         if (folder / name).exists():
             print_line(os.fspath(folder / name))
@@ -170,37 +178,49 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
     """A row a finding, and how to tell it from its equals."""
     if not findings:
         return
-    from selfheal.report.tables import format_onset, format_quantity
+    from selfheal.report.tables import (
+        GROWTH,
+        format_growth,
+        format_onset,
+        format_quantity,
+    )
 
-    head = ("effect", "where", "value (90 % interval)", "cannot be told from")
+    head = ("effect", "where", "value (90 % interval)", GROWTH)
     rows = [
         (
             found["effect"],
             [found["target"], *filter(None, [format_onset(found)])],
             [f"{p['name']} {format_quantity(p)}" for p in found["parameters"]],
-            found.get("equivalent", ()),
+            format_growth(found),
         )
         for found in findings
     ]
     print_table(head, rows)
     for found in findings:
-        if found.get("equivalent") and found.get("separate_by"):
-            print_line(f"to separate {found['effect']}: {found['separate_by']}")
+        if rivals := found.get("equivalent"):
+            how = found.get("separate_by")
+            print_text(
+                f"{found['effect']} at {found['target']} cannot be told from "
+                f"{join_names(rivals)} by these recordings"
+                + (f"; to separate them: {how}" if how else "")
+            )
 
 
 def _print_fit(fit: Mapping[str, Any]) -> None:
     """The error on held-out recordings, also over longer and longer segments."""
-    from selfheal.report.tables import format_horizon, format_short
+    from selfheal.report.errors import MODELS, list_errors, name_replay
+    from selfheal.report.tables import format_short
 
     def make_row(label: str, errors: Mapping[str, Any]) -> list[str]:
         removed = errors.get("explainable_removed")
         share = "\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %"
-        return [label, *(format_short(errors.get(key)) for key in keys), share]
+        return [label, *(format_short(errors.get(key)) for key in MODELS), share]
 
-    keys = ("given", "refit", "patched", "floor")
-    rows = [make_row("held-out error", fit)]
-    rows += [make_row(format_horizon(h), h) for h in fit.get("horizons", ())]
-    print_table(("", *keys, "explainable removed"), rows)
+    if rows := list(list_errors(fit)):
+        print_table(("held-out error of", "over", *MODELS), rows)
+    each = [make_row("replay", fit)]
+    each += [make_row(name_replay(h), h) for h in fit.get("horizons", ())]
+    print_table(("normalized", *MODELS, "explainable removed"), each)
     print_text(_MEANS, "dim")
 
 
@@ -218,6 +238,7 @@ def replay(
         bool, typer.Option("--force", help="Overwrite what is at --out.")
     ] = False,
     as_json: Annotated[bool, _JSON] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
     from selfheal.diagnosis.output.replay import replay_recording
@@ -225,9 +246,11 @@ def replay(
 
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model, force)
-    predicted = replace(
-        replay_recording(folder, read(inputs), model=model), source=_PREDICTED
-    )
+    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+        predicted = replay_recording(
+            folder, read(inputs), model=model, progress=live.show
+        )
+    predicted = replace(predicted, source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
     told = {
@@ -245,8 +268,8 @@ def replay(
         print_json(told)
     else:
         print_line(
-            f"{told['episodes']} episodes, {told['samples']} samples predicted in "
-            f"{told['seconds']} s: {out}"
+            f"{out}: {told['episodes']} episodes, {told['samples']} samples predicted "
+            f"in {told['seconds']} s"
         )
 
 

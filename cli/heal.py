@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +12,7 @@ import typer
 
 from ._options import complete, list_damages, out_folder
 from ._print import print_json, print_line, print_table
-from ._progress import ProgressBar
+from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ _DAMAGE = typer.Option(
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 _SEED = typer.Option(help="Of everything random.")
+# seconds of CPU that each phase takes, and the page: measured, of the starfish
+_SECONDS = {"gait": 22, "whole": 0.5, "alarm": 1, "ask": 16, "verdict": 0.5,
+            "healed": 23, "walked": 0.5, "known": 21, "page": 12}  # fmt: skip
+_START = 1.7  # [s] of CPU before the first phase: measured in the same
 _PHASES = {
     "gait": "a gait from the self-model",
     "whole": "walked, whole",
@@ -44,6 +49,7 @@ def gait(
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,
     as_json: Annotated[bool, _JSON] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
     from selfheal.api.healing import check_gait_settings, load_identified
@@ -53,14 +59,14 @@ def gait(
     check_gait_settings(gait, math.radians(heading), seed)
     found, robot = load_identified(run)
     start = time.perf_counter()
-    with ProgressBar("reading", quiet=as_json) as live:
+    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
         told = walk_trial(
             found,
             robot,
             name=gait,
             heading=math.radians(heading),
             seed=seed,
-            progress=partial(_PhaseProgress(live), "gait"),
+            progress=partial(_PhaseProgress(live, {"gait": _SECONDS["gait"]}), "gait"),
         )
     told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
@@ -97,6 +103,7 @@ def heal(
         bool, typer.Option("--force", help="Start over where a heal is already.")
     ] = False,
     as_json: Annotated[bool, _JSON] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
     from selfheal.api import heal as run_heal
@@ -107,8 +114,8 @@ def heal(
     if run is not None and damage is None:
         raise InputError("say what happens to the robot: --damage right_lower:0.1, say")
     folder = RunFolder(out, force)
-    with ProgressBar("reading", quiet=as_json) as live:
-        show = _PhaseProgress(live)
+    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+        show = _PhaseProgress(live, _SECONDS)
         told: dict[str, Any] = {"progress": show, "on_step": show.show_phase}
         if resume is not None:
             refuse_settings(context)
@@ -190,12 +197,15 @@ def _check_heading(heading: float) -> None:
 class _PhaseProgress:
     """Progress of a heal: what is done, and a line for each phase."""
 
-    def __init__(self, live: ProgressBar) -> None:
+    def __init__(self, live: ProgressBar, seconds: Mapping[str, float]) -> None:
+        """`seconds`: that each phase takes, about."""
         self.live, self.begun = live, False
+        self.stages = StageProgress(seconds, _START)
 
     def __call__(self, phase: str, what: str, share: float) -> None:
         """Show what a phase does and how much of that is done."""
-        self.live.show(f"{_PHASES.get(phase, phase)}: {what}", share)
+        over = self.stages.compute_share(phase, share)
+        self.live.show(f"{_PHASES.get(phase, phase)}: {what}", over)
 
     def show_phase(self, run: "HealRun") -> None:
         """A line for the last phase, of a run that has a new one."""
@@ -243,12 +253,14 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
         if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
             words = _format_hypothesis(believed).rpartition(" (")
             rows.append((words[0], words[2].rstrip(")")))
-    print_table(("happened", "sure"), rows)
-    names = {"intact": "whole", "damaged": "broken, old gait", "healed": "broken, new",
-             "best_known": "made knowing the damage"}  # fmt: skip
+    print_table(("what happened", "probability"), rows)
+    names = {"intact": "whole", "damaged": "broken, old gait",
+             "healed": "broken, new gait",
+             "best_known": "broken, a gait made knowing the damage"}  # fmt: skip
     ways = {name: result["distance"][key] for key, name in names.items()}
-    rows = [(k, "unknown" if v is None else f"{v:.2f}") for k, v in ways.items()]
-    print_table(("distance in 10 s", "m"), rows)
-    print_line(f"{result['actions']} actions, {result['seconds']} s")
+    rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in ways.items()]
+    print_table(("robot", "walks in 10 s"), rows)
+    told = f"{result['actions']} actions to find what happened"
+    print_line(f"{told}, {result['seconds']} s in all")
     for file in files:
         print_line(os.fspath(file))

@@ -9,6 +9,7 @@ import typer
 
 from ._options import make_epilog
 from ._print import print_json, print_line, print_table
+from ._progress import ProgressBar, ShowProgress
 from ._runs import refuse_existing
 
 if TYPE_CHECKING:
@@ -105,6 +106,7 @@ def import_log(
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object for scripts.")
     ] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Make a recording of a log: CSV, Parquet, ROS bag, LeRobot, JSON, NPZ, MAT ..."""
     from selfheal.errors import InputError
@@ -122,7 +124,7 @@ def import_log(
     if map_file is None:
         _propose_map(logs[0], model, out, as_json=as_json)
         return
-    _import_logs(logs, model, map_file, out, as_json=as_json)
+    _import_logs(logs, model, map_file, out, as_json=as_json, asked=progress)
 
 
 def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
@@ -148,20 +150,29 @@ def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
 
 
 def _import_logs(
-    paths: list[Path], model: Path, map_file: Path, out: Path, *, as_json: bool
-) -> None:
-    """Write the recording of logs."""
+    paths: list[Path], model: Path, map_file: Path, out: Path, *, as_json: bool,
+    asked: bool,
+) -> None:  # fmt: skip
+    """Write the recording of logs.
+
+    Args:
+        paths: of the logs.
+        model: of the robot.
+        map_file: which columns are which signals.
+        out: where the recording goes.
+        as_json: whether a script reads the result.
+        asked: whether progress is to be said where there is no terminal, too.
+    """
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import read_map
     from selfheal.logs.open_log import open_log
     from selfheal.recording import list_model_names, load_model
 
     from ._import import print_import, summarize_import
-    from ._progress import ProgressBar
 
     compiled, log_map = load_model(model), read_map(map_file)
     opened = [open_log(path) for path in paths]
-    with ProgressBar("reading", quiet=as_json) as bar:
+    with ProgressBar("reading", as_json=as_json, asked=asked) as bar:
         report = import_logs(
             opened, log_map, list_model_names(compiled), out,
             map_name=str(map_file), model=compiled,
@@ -251,9 +262,14 @@ def _list_fault_cells(
     every = len(fault["episodes"]) == len(summary["episodes"])
     episodes = "all" if every else ", ".join(fault["episodes"])
     return (
-        fault["kind"], episodes, fault["seen"], f"{fault['p_value']:.0e}",
+        fault["kind"], episodes, fault["seen"], _format_p_value(fault["p_value"]),
         fault["mend"].splitlines(),
     )  # fmt: skip
+
+
+def _format_p_value(value: float) -> str:
+    """A p-value; below what a double can hold there is no number."""
+    return f"{value:.0e}" if value else "<1e-300"
 
 
 def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:

@@ -9,13 +9,18 @@ import typer
 
 from ._options import complete, list_legged_robots, list_scenarios, out_folder
 from ._print import print_json, print_line, print_table
-from ._progress import ProgressBar
+from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
     from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
 
 _NAME = "recover.h5"
+# what phases and the page take, in units of a search for a controller: measured, of the
+# quadruped
+_EFFORT = {"original": 0.65, "failure": 0.01, "estimate": 0.2, "explore": 1.0,
+           "trial": 0.02, "hardware": 2.3, "page": 0.3}  # fmt: skip
+_START = 0.1  # before the first one, measured in the same
 _ROBOT = typer.Option(
     help="quadruped or hexapod.",
     metavar="NAME",
@@ -59,6 +64,7 @@ def recover(
         bool, typer.Option("--force", help="Start over where a run is already.")
     ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""
     from selfheal.api.recovery import make_recover_settings
@@ -68,14 +74,14 @@ def recover(
         raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
     if resume is not None:
         refuse_settings(context)
-        _finish_runs(_find_runs(resume), as_json)
+        _finish_runs(_find_runs(resume), as_json, progress)
         return
     assert robot is not None
     asked = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
                                    gap=gap, seed=seed)
              for n in _parse_scenarios(scenario)]  # fmt: skip
     folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
-    _finish_runs(_begin_runs(folder, asked, force), as_json)
+    _finish_runs(_begin_runs(folder, asked, force), as_json, progress)
 
 
 def _parse_scenarios(scenario: str) -> Sequence[int]:
@@ -116,15 +122,15 @@ def _find_runs(place: Path) -> list[Path]:
     return found
 
 
-def _finish_runs(paths: list[Path], as_json: bool) -> None:
+def _finish_runs(paths: list[Path], as_json: bool, asked: bool) -> None:
     """Each run to its end, and what came of them; several processes may share them."""
     from selfheal.api import recover as run_recover
     from selfheal.errors import RunLockError
 
     done = []
-    with ProgressBar("reading", quiet=as_json) as live:
-        for path in paths:
-            show = _RunProgress(live)
+    with ProgressBar("reading", as_json=as_json, asked=asked) as live:
+        for number, path in enumerate(paths):
+            show = _RunProgress(live, number, len(paths))
             try:
                 run = run_recover(resume=path, progress=show, on_step=show.show_step)
             except RunLockError as error:
@@ -145,15 +151,27 @@ def _finish_runs(paths: list[Path], as_json: bool) -> None:
 
 
 class _RunProgress:
-    """Progress of a recovery: what is done, and a line for each phase."""
+    """Progress of recoveries: what is done, and a line for each phase."""
 
-    def __init__(self, live: ProgressBar) -> None:
-        self.live = live
+    def __init__(self, live: ProgressBar, number: int, count: int) -> None:
+        """Of the run of that number, from 0, among so many."""
+        self.live, self.number, self.count = live, number, count
         self.scenario: int | None = None
+        self.phases: list[str] = []
+        self.may_end = False  # after any trial
+        self.stages = StageProgress({}, _START)
 
     def __call__(self, phase: str, what: str, share: float) -> None:
         """Show what a phase does and how much of that is done."""
-        self.live.show(f"scenario {self.scenario}, {phase}: {what}", share)
+        names = self.phases
+        if self.may_end:
+            turn = phase.partition("-")[2] or "1"
+            names = names[: names.index(f"trial-{turn}") + 1]
+        self.stages.weights = {
+            n: _EFFORT[n.partition("-")[0]] for n in [*names, "page"]
+        }
+        over = (self.number + self.stages.compute_share(phase, share)) / self.count
+        self.live.show(f"scenario {self.scenario}, {phase}: {what}", over)
 
     def show_step(self, run: "RecoverRun") -> None:
         """A line for a run that begins or goes on, then for each phase."""
@@ -161,6 +179,7 @@ class _RunProgress:
 
         first, s = self.scenario is None, run.settings
         self.scenario = s.scenario
+        self.phases, self.may_end = run.list_phases(s), s.method == "ours"
         if run.result:
             return
         if first:

@@ -9,7 +9,7 @@ import typer
 
 from ._options import make_epilog, out_folder
 from ._print import print_json, print_line, print_table, print_text
-from ._progress import ProgressBar
+from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def _run_study(
         bool, typer.Option("--force", help="Start over where a study is already.")
     ] = False,
     as_json: Annotated[bool, _JSON] = False,
+    progress: ShowProgress = False,
 ) -> None:
     """One study; which one, the command's name says."""
     from selfheal.errors import InputError
@@ -82,13 +83,12 @@ def _run_study(
     if resume is not None:
         refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
         _check_name(resume, name)
-        _finish_study(resume, place, only_failed=bool(only), as_json=as_json)
+        _finish_study(resume, place, only_failed=bool(only), as_json=as_json,
+                      asked=progress)  # fmt: skip
         return
     count = _RUNS[name] if runs is None else runs
-    asked = StudyRequest(count, seed, recordings, folder)
-    _finish_study(
-        _begin_study(name, asked, out, force), place, only_failed=False, as_json=as_json
-    )
+    path = _begin_study(name, StudyRequest(count, seed, recordings, folder), out, force)
+    _finish_study(path, place, only_failed=False, as_json=as_json, asked=progress)
 
 
 def _begin_study(
@@ -139,19 +139,17 @@ def _check_name(path: Path, name: str) -> None:
 
 
 def _finish_study(
-    path: Path, place: "Workplace", *, only_failed: bool, as_json: bool
+    path: Path, place: "Workplace", *, only_failed: bool, as_json: bool, asked: bool
 ) -> None:
     """Do what is left, then show it."""
     from selfheal.study.run import continue_study
     from selfheal.study.store import load_study
 
     try:
-        with ProgressBar("starting", quiet=as_json) as live:
-            for progress in continue_study(path, place, only_failed=only_failed):
-                live.show(
-                    _describe_progress(progress, live.seconds),
-                    progress.done / progress.total,
-                )
+        with ProgressBar("starting", as_json=as_json, asked=asked) as live:
+            for p in continue_study(path, place, only_failed=only_failed):
+                here = p.session + p.total - p.done  # runs of this session
+                live.show(_describe_progress(p), p.session / max(here, 1))
     except KeyboardInterrupt:
         print_line(_describe_left(load_study(path), path), is_error=True)
         raise typer.Exit(130) from None  # as shells say of a program that was stopped
@@ -166,7 +164,7 @@ def _describe_left(results: "Results", path: Path) -> str:
     )
 
 
-def _describe_progress(progress: "Progress", seconds: float) -> str:
+def _describe_progress(progress: "Progress") -> str:
     """How far a study is, in words."""
     p = progress
     words = [f"{p.done:,} of {p.total:,} runs"]
@@ -175,9 +173,6 @@ def _describe_progress(progress: "Progress", seconds: float) -> str:
     if not p.workers:
         return ", ".join([*words, "waiting for workers"])
     words.append(f"{p.workers:,} workers")
-    if p.session:
-        left = (p.total - p.done) * seconds / p.session
-        words.append(f"about {left / 60:.1f} min left")
     return ", ".join(words)
 
 

@@ -14,6 +14,7 @@ it made again.
 import json
 import os
 import sys
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -25,7 +26,7 @@ from benchmarks.drives.kinds import KINDS
 from benchmarks.drives.page import compute_figures, make_sections
 from benchmarks.drives.references import measure_references
 from benchmarks.drives.score import score_case
-from benchmarks.writer import ROOT, make_parser, publish_results
+from benchmarks.writer import ROOT, make_parser, publish_results, tell_progress
 from selfheal.files import atomic_path
 from selfheal.mujoco_files import silence_mujoco
 
@@ -71,6 +72,7 @@ def _run_cases(options: Any) -> Iterator[tuple[str, dict[str, Any]]]:
         for kind in options.kind
         for seed in range(options.seed, options.seed + options.cases)
     ]
+    start = time.perf_counter()
     with ProcessPoolExecutor(options.jobs) as pool:
         futures = {
             pool.submit(_run_case, options.folder, *task, options.seconds): task
@@ -83,13 +85,13 @@ def _run_cases(options: Any) -> Iterator[tuple[str, dict[str, Any]]]:
                 score["errors"]["selfheal"][h] / error
                 for h, error in score["errors"]["plain"].items()
             )
-            print(
-                f"{done}/{len(tasks)} {score['case']}: {score['verdict']}, "
-                f"{score['seconds']:.0f} s, named {score['named']}/{score['needed']}, "
+            tell_progress(
+                f"{score['case']}: {score['verdict']}, {score['seconds']:.0f} s, "
+                f"named {score['named']}/{score['needed']}, "
                 f"false {len(score['false'])}/{score['names']}, at worst "
                 f"{ratio:.2f} times the plain fit",
-                file=sys.stderr,
-            )
+                done, len(tasks), start,
+            )  # fmt: skip
             yield kind, score
 
 

@@ -12,7 +12,6 @@ import hashlib
 import json
 import multiprocessing
 import os
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, replace
@@ -23,7 +22,14 @@ from benchmarks.identify.outcome import compare_with_truth
 from benchmarks.identify.page import make_calibration_section, make_sections
 from benchmarks.identify.suites import REAL, SUITES, SuiteRow
 from benchmarks.suites import read_lines
-from benchmarks.writer import INTACT, ROOT, count_cores, make_parser, publish_results
+from benchmarks.writer import (
+    INTACT,
+    ROOT,
+    count_cores,
+    make_parser,
+    publish_results,
+    tell_progress,
+)
 from selfheal.robot.base import open_robot
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
@@ -116,20 +122,17 @@ def complete_runs(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
             done[make_key(record["settings"])] = record
             out.write(json.dumps(record) + "\n")
             out.flush()
-            _print_progress(record, count, len(left), time.perf_counter() - start)
+            tell_progress(_describe_run(record), count, len(left), start)
     return done
 
 
-def _print_progress(
-    record: dict[str, Any], count: int, total: int, spent: float
-) -> None:
-    """A line of progress on standard error."""
-    s, rest = record["settings"], spent / count * (total - count)
-    print(
-        f"{count}/{total}  {s['robot']} {s['method']} {s['space']} {s['budget']} "
-        f"{s['cycles']} seed {s['seed']}: {'right' if record['exact'] else 'wrong'}, "
-        f"{record['seconds']:.1f} s; about {rest / 60:.1f} min left",
-        file=sys.stderr,
+def _describe_run(record: dict[str, Any]) -> str:
+    """A run and what came of it, in a line."""
+    s = record["settings"]
+    return (
+        f"{s['robot']} {s['method']} {s['space']} {s['budget']} {s['cycles']} seed "
+        f"{s['seed']}: {'right' if record['exact'] else 'wrong'}, "
+        f"{record['seconds']:.1f} s"
     )
 
 

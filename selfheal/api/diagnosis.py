@@ -1,6 +1,5 @@
 """What Python users call: a model and recordings in, a Diagnosis out."""
 
-import math
 import os
 import re
 import time
@@ -16,6 +15,7 @@ from ..recording import Recording, open_recording, strip_file
 if TYPE_CHECKING:
     from ..diagnosis.output.result import Diagnosis
 
+DRAWING_SHARE = 0.97  # of the time that is over when the report is drawn; measured
 RecordingLike = Recording | str | os.PathLike[str]
 
 
@@ -28,7 +28,7 @@ def diagnose(
     seed: int = 0,
     memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-    minutes: float = math.inf,
+    minutes: float = 30.0,
     stop: Callable[[], bool] = lambda: False,
     findings_only: bool = False,
 ) -> "Diagnosis":
@@ -36,8 +36,7 @@ def diagnose(
 
     Args:
         model: path of the robot's MJCF or URDF.
-        recordings: of the real robot, one or several: paths, or what
-            `selfheal.recording.read` gave.
+        recordings: of the real robot: paths, or what `selfheal.recording.read` gave.
         held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
             [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
             too. Without any: a third of a recording's episodes, such that the others
@@ -47,9 +46,10 @@ def diagnose(
         seed: of everything random.
         memory: folder of what is worked out, in which the same diagnosis goes on where
             it was killed; remove it in the end.
-        progress: told what is being done and how much of that is done (0 to 1).
-        minutes: [min] in which the fits, the search and the tests have to be done,
-            about: the best answer so far is given then, and says what it left out.
+        progress: told what is being done and the share (0 to 1) of the time that is
+            over, about; 0 where that is not known.
+        minutes: [min] that it may take, about: the best answer so far is given then,
+            and says what it left out; `math.inf` for as long as it takes.
         stop: asked before each batch of simulations; once True, that answer is given as
             soon as it is tested.
         findings_only: whether every value that the model states stays as it is.
@@ -66,19 +66,37 @@ def diagnose(
     from ..diagnosis.diagnose import diagnose as find
     from ..report.diagnose import make_diagnosis_page
 
+    begun = time.monotonic()
     check_seed(seed)
     check_file(model)
     is_over = _make_clock(minutes, stop)
     read, names = _read_all(_to_list(recordings), _to_list(held_out), os.fspath(model))
-    say = progress or (lambda what, share: None)
+    say = _limit_shares(progress or (lambda what, share: None), begun, minutes)
     noted = _check_logs(model, read, no_check)
     found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
-                 is_over=is_over, findings_only=findings_only)  # fmt: skip
+                 is_over=is_over, findings_only=findings_only, begun=begun)  # fmt: skip
     found = replace(found, remarks=(*noted, *found.remarks))
-    say("drawing the report", 0.0)
-    return replace(
-        found, page=make_diagnosis_page(found, str(model), [r.file for r in read])
-    )
+    say("drawing the report", DRAWING_SHARE)
+    page = make_diagnosis_page(found, str(model), [r.file for r in read])
+    return replace(found, page=page)
+
+
+def _limit_shares(
+    progress: Callable[[str, float], None], begun: float, minutes: float
+) -> Callable[[str, float], None]:
+    """Progress whose shares are not less than what is over of the time that is given.
+
+    Args:
+        progress: told a message and a share (0 to 1).
+        begun: `time.monotonic()` at the beginning [s].
+        minutes: that are given [min].
+    """
+
+    def say(what: str, share: float) -> None:
+        over = (time.monotonic() - begun) / (60 * minutes)
+        progress(what, min(max(share, over), DRAWING_SHARE) if share else share)
+
+    return say
 
 
 def _make_clock(minutes: float, stop: Callable[[], bool]) -> Callable[[float], bool]:

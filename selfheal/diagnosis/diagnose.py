@@ -4,6 +4,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -39,13 +40,14 @@ from .selection.hypotheses import (
 from .selection.quantization import name_quantization
 from .selection.refine import refine_hypothesis
 from .selection.replay_scores import HeldOutScores, explainable_removed
-from .selection.search_record import SearchRecord
+from .selection.search_record import Progress, SearchRecord
 from .selection.search_state import SearchState
 from .selection.stated_values import (
     hold_stated,
     round_effects,
 )
 from .selection.structure import RemainingStructure, analyze_remaining
+from .selection.time_left import Stage, TimeLeft
 from .selection.verdict import (
     Outcome,
     Verdict,
@@ -65,7 +67,6 @@ from .simulation.dataset import (
     prepare_dataset,
 )
 
-Progress = Callable[[str, float], None]
 # shares of the time at which search and last fit are stopped; chosen: the tests of what
 # was found take a fifth to a quarter of a whole diagnosis
 SEARCH_SHARE, FIT_SHARE = 0.55, 0.75
@@ -81,6 +82,7 @@ def diagnose(
     progress: Progress | None = None,
     is_over: Callable[[float], bool] = lambda share: False,
     findings_only: bool = False,
+    begun: float | None = None,
 ) -> Diagnosis:
     """Where simulation and reality differ, and which physics was left out.
 
@@ -90,35 +92,32 @@ def diagnose(
         held_out: episodes or parts kept from the fit, as `recording.split` takes them.
         seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
-        progress: called with a message and a share (0 to 1).
+        progress: called with a message and the share (0 to 1) of the time that is over,
+            about; 0 as long as nothing is known of it.
         is_over: whether a share (0 to 1) of the time is over, so that what was found so
             far is the answer.
         findings_only: whether what the model states stays as it is in the end.
+        begun: `time.monotonic()` [s] when all of it began; None: now.
 
     Raises:
         ModelError: MuJoCo cannot load the model, or it diverges.
         RecordingError: a recording does not fit it, or is too short or too quiet.
     """
-    begun = time.monotonic()
-    say = progress or (lambda what, share: None)
-    rng = np.random.default_rng(seed)
-    dataset, problem = _read(model, recordings, held_out, memory, say)
-    record = SearchRecord(say)
-    state, onset = _fit_nominal(dataset, problem, rng, record, is_over)
+    begun = time.monotonic() if begun is None else begun
+    record = SearchRecord(progress, TimeLeft(begun))
+    start = partial(_start, model, recordings, memory, seed, record, is_over)
+    dataset, problem, rng, state, onset = start(held_out)
     if onset and not held_out:
         later = choose_held_out_after(onset, recordings, dataset.held_out)
         if later:  # what is held out now could not show it
-            return diagnose(
-                model, recordings, held_out=later, seed=seed, memory=memory,
-                progress=progress, is_over=is_over, findings_only=findings_only,
-            )  # fmt: skip
+            dataset, problem, rng, state, onset = start(later)
     hypothesis = _choose_effects(dataset, problem, state, rng, record, is_over)
     is_stopped = bool(record.stopped)  # before the search was through
     effects = {t.effect.name for t in state.candidates}
     untried = record.list_untried(state.candidates)
     del state  # each Jacobian of many joints takes as much as the whole program
     dataset, hypothesis = _fit_last(dataset, hypothesis, record, is_over, findings_only)
-    tested = _test(dataset, hypothesis, is_stopped, say)
+    tested = _test(dataset, hypothesis, is_stopped, record)
     found = build_diagnosis(
         dataset,
         tested.hypothesis,
@@ -133,12 +132,38 @@ def diagnose(
     return found.with_stop(record.stopped, len(effects), untried)
 
 
+def _start(
+    model: str | os.PathLike[str],
+    recordings: Sequence[Recording],
+    memory: str | os.PathLike[str] | None,
+    seed: int,
+    record: SearchRecord,
+    is_over: Callable[[float], bool],
+    held_out: Sequence[str],
+) -> tuple[Dataset, Problem, np.random.Generator, SearchState, Onset | None]:
+    """Stages 1 and 2, and what draws segments from then on.
+
+    Args:
+        model: MJCF or URDF.
+        recordings: of the real robot.
+        memory: folder of what was worked out.
+        seed: of the segments of the search.
+        record: of the search.
+        is_over: whether a share of the time is over.
+        held_out: episodes or parts of them kept from the fit.
+    """
+    rng = np.random.default_rng(seed)
+    dataset, problem = _read(model, recordings, held_out, memory, record)
+    state, onset = _fit_nominal(dataset, problem, rng, record, is_over)
+    return dataset, problem, rng, state, onset
+
+
 def _read(
     model: str | os.PathLike[str],
     recordings: Sequence[Recording],
     held_out: Sequence[str],
     memory: str | os.PathLike[str] | None,
-    say: Progress,
+    record: SearchRecord,
 ) -> tuple[Dataset, Problem]:
     """Stage 1: the recordings, split and checked, and the segments to fit.
 
@@ -147,12 +172,13 @@ def _read(
         recordings: of the real robot.
         held_out: episodes or parts of them kept from the fit.
         memory: folder of what was worked out.
-        say: called with a message and a share (0 to 1).
+        record: of the search.
     """
+    record.enter(Stage.READ, "reading")
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)
     if reason := explain_unpatchable(model):
-        say(f"patched.xml will be the model as given: {reason}", 0.0)
+        record.enter(Stage.READ, f"patched.xml will be the model as given: {reason}")
     problem = build_problem(dataset, SHORT_SEGMENT)
     check_enough_segments(dataset.training, problem)
     return dataset, problem
@@ -180,11 +206,10 @@ def _fit_nominal(
     def start(terms: Sequence[Term]) -> SearchState:
         """The state in which nothing has a name, and these terms are fitted."""
         effects = load_catalogue().values()
-        return start_search(
-            problem, dataset.robot, terms, effects, rng=rng, progress=record
-        )
+        return start_search(problem, dataset.robot, terms, effects, rng=rng)
 
     state = None
+    record.enter(Stage.NOMINAL, "refitting what the model states")
     try:
         with problem.simulator.counter.limit(lambda: is_over(SEARCH_SHARE)):
             state = start(build_nominal_terms(dataset.robot))
@@ -248,7 +273,7 @@ def _fit_last(
     record.forget_state()
     counter = hypothesis.problem.simulator.counter
     dataset = dataset.with_noise_of(hypothesis.problem.simulator)
-    record("fitting everything once more", 0.0)
+    record.enter(Stage.LAST_FIT, "fitting everything once more")
     if findings_only:
         hypothesis = hold_stated(hypothesis)
     try:
@@ -281,7 +306,7 @@ class _Tested:
 
 
 def _test(
-    dataset: Dataset, hypothesis: Hypothesis, is_stopped: bool, say: Progress
+    dataset: Dataset, hypothesis: Hypothesis, is_stopped: bool, record: SearchRecord
 ) -> _Tested:
     """Stage 4: which names hold in the held-out episodes, and what they leave.
 
@@ -289,12 +314,12 @@ def _test(
         dataset: with the held-out episodes.
         hypothesis: after its last fit.
         is_stopped: whether the search was stopped before its end.
-        say: called with a message and a share (0 to 1).
+        record: of the search.
     """
-    say("testing what was found on the held-out episodes", 0.0)
+    record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
     hypothesis, refuted = drop_refuted(dataset, hypothesis)
     hypothesis = round_effects(hypothesis)
-    say("looking for what has no name", 0.0)
+    record.enter(Stage.TESTS, "looking for what has no name")
     structure = analyze_remaining(dataset, hypothesis)
     if explains_too_little(structure):
         hypothesis = drop_names(hypothesis)

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 # bytes of logs from which a recording is not compressed; chosen: above, that would take
 # longer than all else
 _LARGE = 200_000_000
+# of the time that an import takes, that of reading; the rest converts and compresses.
+# chosen: reading and converting take about the same
+READING_SHARE = 0.5
 
 
 def import_logs(
@@ -57,16 +60,15 @@ def import_logs(
     _note_assumed(resolved[0], made)
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
-    size = sum(_measure_size(log.path) for log in logs)
+    sizes = [_measure_size(log.path) for log in logs]
+    compression = "gzip" if sum(sizes) < _LARGE else None
     rows, told = 0, set[tuple[str, str]]()
-    with open_writer(
-        path, robot, source, compression="gzip" if size < _LARGE else None
-    ) as writer:
-        for log, channels in zip(logs, resolved, strict=True):
+    with open_writer(path, robot, source, compression=compression) as writer:
+        for k, (log, channels) in enumerate(zip(logs, resolved, strict=True)):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
             with Spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
-                converter.read_log(report)
+                converter.read_log(report and _scale_report(report, sizes, k))
                 rows += max(spool.rows.values(), default=0)
                 if log.losses:
                     made.losses[str(log.path)] = list(dict.fromkeys(log.losses))
@@ -76,7 +78,7 @@ def import_logs(
                         if model is not None and not made.offsets:
                             _compare_clocks(part, channels, model, made)
                 made.remarks += converter.remarks
-                told |= {(channels[k].kind, channels[k].target) for k in converter.told}
+                told |= {(channels[i].kind, channels[i].target) for i in converter.told}
         check_rows(logs[0].path, rows)
         if not made.episodes:
             raise InputError(
@@ -121,6 +123,20 @@ def _list_remarks(
         yield f"no number was taken from {join_names(columns)}: an empty signal"
     if not names.controls:
         yield f"the model has no actuators, as if nothing drove it; {NO_ACTUATORS}"
+
+
+def _scale_report(report: Report, sizes: Sequence[int], k: int) -> Report:
+    """A report of what is read of one log, as a share of what is done with all.
+
+    Args:
+        report: is told a file and that share.
+        sizes: of the logs [bytes].
+        k: number of the log.
+    """
+    over, whole = sum(sizes[:k]), max(sum(sizes), 1)
+    return lambda file, share: report(
+        file, (over + READING_SHARE * share * sizes[k]) / whole
+    )
 
 
 def _measure_size(path: Path) -> int:

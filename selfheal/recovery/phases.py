@@ -219,13 +219,14 @@ class HealPhases:
     def _take_action(self, doubt: DamagePosterior) -> Phase | None:
         """One action, chosen to tell the hypotheses apart; None if none would."""
         k = len(doubt.taken)
-        self.progress("ask", f"choosing action {k + 1}", 0.0)
+        # how many more it takes nobody knows
+        self.progress("ask", f"choosing action {k + 1}", k / (k + 2))
         chosen = doubt.choose_probe(np.random.default_rng([self.settings.seed, 20, k]))
         if chosen is None:
             return None
         probe, left = chosen
         action = doubt.probes[probe]
-        self.progress("ask", action.description, 0.5)
+        self.progress("ask", action.description, (k + 1) / (k + 3))
         walked = self.robots.damaged.move(action.commands, trial=100 + k)
         doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
         return {"probe": probe, "why": action.description, "expected": left,

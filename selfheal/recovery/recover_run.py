@@ -177,13 +177,16 @@ class RecoverRun(PhasedRun):
     @staticmethod
     def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
         """The name of the phase that comes next; none at the end."""
+        return RecoverRun.list_phases(settings)[len(done) :][:1]
+
+    @staticmethod
+    def list_phases(settings: Any) -> list[str]:
+        """Names of all phases, in order; our way may end after any trial."""
         if settings.method == "hardware-only":
-            names = ["original", "failure", "hardware"]
-        else:
-            turns = [f"{what}-{k}" for k in range(1, settings.trials + 1)
-                     for what in ("estimate", "explore", "trial")]  # fmt: skip
-            names = ["original", "failure", *turns]
-        return names[len(done) :][:1]
+            return ["original", "failure", "hardware"]
+        turns = [f"{what}-{k}" for k in range(1, settings.trials + 1)
+                 for what in ("estimate", "explore", "trial")]  # fmt: skip
+        return ["original", "failure", *turns]
 
     @staticmethod
     def find_schema(settings: Any, name: str) -> PhaseSchema:

@@ -12,6 +12,13 @@ from ..diagnosis.effects.base import implements
 from ..diagnosis.effects.nominal import is_unidentified
 from ..diagnosis.output.result import Diagnosis, Localization
 from . import figures, tables
+from .errors import (
+    format_errors,
+    format_held_out,
+    format_horizons,
+    is_worse,
+    state_errors,
+)
 from .facts import format_percent
 from .page import (
     Html,
@@ -63,7 +70,8 @@ def make_diagnosis_page(
             _make_method_section(diagnosis, model, recordings),
         ]
     title = f"Diagnosis of {Path(model).name}"
-    return whole(title, sections, lead=state_verdict(diagnosis.document))
+    said = state_verdict(diagnosis.document), *state_errors(diagnosis.document["fit"])
+    return whole(title, sections, lead=" ".join(said))
 
 
 # ---- in words
@@ -206,8 +214,12 @@ def _make_errors_section(diagnosis: Diagnosis) -> Section:
         "lies between it and the re-fitted model can be explained."
     )
     body = [drawn, said, make_paragraph(mark_text(note, "soft"))]
-    if horizons := fit.get("horizons"):
-        body[2:2] = [tables.format_horizons(horizons), make_paragraph(_HORIZONS)]
+    if fit.get("horizons"):
+        body[2:2] = [
+            format_horizons(fit),
+            make_paragraph(_HORIZONS),
+            format_errors(fit),
+        ]
     return Section("Before and after", tuple(body))
 
 
@@ -287,14 +299,15 @@ def _make_signals_section(diagnosis: Diagnosis) -> Section:
     title, signals = "Held-out recordings, signal by signal", diagnosis.signals
     if not signals:
         return Section(title, ("No signal could be compared.",))
-    harmed = [s.name for s in signals if tables.is_worse(s)]
+    harmed = [s.name for s in signals if is_worse(s)]
     said = (
         f"Made worse by the findings: {', '.join(harmed)}."
         if harmed
         else "No signal is made worse by the findings."
     )
     note = (
-        "Below each error: its 90 % interval over episodes. Noise: of the readings "
+        "Normalized, and in the signal's unit in brackets; below each error its 90 % "
+        "interval over episodes. Noise: of the readings "
         "alone; where a replay starts from a state that was read, that state's noise "
         "comes on top."
     )
@@ -302,7 +315,7 @@ def _make_signals_section(diagnosis: Diagnosis) -> Section:
         title,
         (
             said,
-            tables.format_held_out(signals),
+            format_held_out(signals),
             make_paragraph(mark_text(note, "soft")),
         ),
     )

@@ -152,7 +152,7 @@ def make_page(title: str, sections: Iterable[Section], *, lead: str) -> str:
     Args:
         title: of the page.
         sections: in order.
-        lead: one sentence below the title.
+        lead: a few sentences below the title.
     """
     body = "\n".join(map(_format_section, sections))
     return (

@@ -72,7 +72,7 @@ def _name_findings(found: Sequence[Mapping[str, Any]]) -> str:
     said = _list_clauses(found)
     if len(said) == 1:
         return capitalize(said[0])
-    first = ", first of all" if len(said) > _MOST_NAMED else ""
+    first = f", the {_MOST_NAMED} that explain most" * (len(said) > _MOST_NAMED)
     shown = "; ".join(said[:_MOST_NAMED])
     return f"{len(said)} things differ from the model{first}: {shown}"
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.genome import HINGE_NAMES
 from ..diagnosis.effects.nominal import is_unidentified, relative_bound
-from ..diagnosis.output.result import Candidate, SignalFit
+from ..diagnosis.output.result import Candidate
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,
@@ -33,6 +33,7 @@ from .page import (
 _MOST_RIVALS = 12  # rows of the table; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
 _AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chosen
+GROWTH = "error without it"  # the head of a column
 _DASH = "\N{EN DASH}"
 
 
@@ -210,7 +211,7 @@ def _choose_digits(value: float, low: float, high: float) -> Callable[[float], s
 
 
 def format_findings(document: Mapping[str, Any]) -> Html:
-    """A row a finding: what, where, how much, and where it shows."""
+    """A row a finding: what, where, how much, and where it shows, largest first."""
     rows = [
         (
             found["effect"],
@@ -220,6 +221,7 @@ def format_findings(document: Mapping[str, Any]) -> Html:
                     escape_text(_format_parameter(p)) for p in found["parameters"]
                 )
             ),
+            format_growth(found),
             Html(
                 "<br>".join(
                     escape_text(_format_signal(s)) for s in _list_signals(found)
@@ -228,8 +230,14 @@ def format_findings(document: Mapping[str, Any]) -> Html:
         )
         for found in document["findings"]
     ]
-    head = ("effect", "where", "value (90 % interval)", "seen in (share of error)")
-    return make_table(head, rows, "llll")
+    head = ("effect", "where", "value (90 % interval)", GROWTH)
+    return make_table((*head, "seen in (share of error)"), rows, "lllrl")
+
+
+def format_growth(finding: Mapping[str, Any]) -> str:
+    """How many times as large the held-out error is without a finding."""
+    times = (finding.get("evidence") or {}).get("heldout_error_growth")
+    return _DASH if times is None else f"{format_number(times, 2)} times"
 
 
 def _format_parameter(stated: Mapping[str, Any]) -> str:
@@ -340,51 +348,3 @@ def is_at_bound(entry: Mapping[str, Any]) -> bool:
     return abs(_compute_change(entry)) >= (1 - _AT_BOUND) * relative_bound(
         entry["parameter"]
     )
-
-
-def format_held_out(signals: Sequence[SignalFit]) -> Html:
-    """A row a signal: its error by each model, those that count first."""
-    rows = [
-        (
-            s.name,
-            *(_format_error(e) for e in (s.given, s.refit, s.patched)),
-            format_short(s.floor),
-            mark_text("worse than re-fitted", "wrong") if is_worse(s) else "",
-            "" if s.scored else mark_text("not scored", "soft"),
-        )
-        for s in sorted(signals, key=lambda s: not s.scored)
-    ]
-    head = ("signal", "given", "re-fitted", "patched", "noise", "", "")
-    return make_table(head, rows, "lrrrrll")
-
-
-def format_horizons(horizons: Sequence[Mapping[str, Any]]) -> Html:
-    """A row for each length of replayed segments: errors, and what is removed."""
-    head = ["replayed", "as given", "re-fitted"]
-    head += ["with the findings", "floor", "explainable removed"]
-    rows = []
-    for horizon in horizons:
-        keys = ("given", "refit", "patched", "floor")
-        errors = [format_short(horizon.get(key)) for key in keys]
-        removed = parse_number(horizon.get("explainable_removed"))
-        share = format_percent(removed) if isfinite(removed) else _DASH
-        rows.append([format_horizon(horizon), *errors, share])
-    return make_table(head, rows, "lrrrrr")
-
-
-def format_horizon(horizon: Mapping[str, Any]) -> str:
-    """The length of replayed segments in words ("over 2 s")."""
-    return f"over {format_short(horizon.get('seconds'), 2)} s"
-
-
-def is_worse(signal: SignalFit) -> bool:
-    """Whether the findings make a signal worse by more than the last digit."""
-    return signal.patched[0] > 1.01 * signal.refit[0]
-
-
-def _format_error(error: tuple[float, float, float]) -> Html:
-    """An error above its interval."""
-    value, low, high = error
-    known = isfinite(low) and isfinite(high)
-    between = f"{format_short(low)} to {format_short(high)}" if known else _DASH
-    return join_markup(format_short(value), Html("<br>"), mark_text(between, "soft"))

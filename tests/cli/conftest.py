@@ -33,6 +33,7 @@ class Doctor:
         progress=None,
         is_over=lambda share: False,
         findings_only=False,
+        begun=None,
     ):
         self.asked.append(
             {"model": model, "files": [r.file for r in recordings],
@@ -54,7 +55,7 @@ class Doctor:
 
     memory, found = Path(), ()  # of the last diagnosis: where, and what was there
 
-    def replay_recording(self, folder, recording, *, model=None):
+    def replay_recording(self, folder, recording, *, model=None, progress=None):
         self.asked.append({"folder": folder, "file": recording.file, "model": model})
         filled = {}
         for name, episode in recording.episodes.items():

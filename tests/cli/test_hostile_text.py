@@ -228,7 +228,7 @@ def test_a_table_in_colors_has_no_control_but_its_own(name, colors, capsys):
 
 @HOSTILE
 def test_progress_has_no_control_but_its_own(name, colors, capsys):
-    with ProgressBar(name, quiet=False) as live:
+    with ProgressBar(name, as_json=False) as live:
         live.say(name, head="1")
         live.show(name, 0.5)
         print(name, file=sys.stderr)

@@ -236,7 +236,7 @@ def test_the_document_is_the_contracts(name, request):
     fit = document["fit"]
     assert set(fit) == {
         "held_out", "given", "refit", "patched", "floor", "explainable_removed",
-        "horizons", *(["plain"] if "plain" in fit else [])
+        "horizons", "errors", *(["plain"] if "plain" in fit else [])
     }  # fmt: skip
     numbers = fit.keys() & {"given", "refit", "patched", "floor", "plain"}
     assert all(isinstance(fit[k], float) for k in numbers)
@@ -261,7 +261,11 @@ def _check_finding(finding) -> None:
     for window in where["windows"]:
         assert set(window) == {"episode", "start", "end"}
         assert window["start"] < window["end"]
-    assert set(evidence) == {"heldout_nll_gain", "p_value", "stability"}
+    assert set(evidence) == {
+        "heldout_nll_gain", "p_value", "stability", "heldout_error_growth"
+    }  # fmt: skip
+    growth = evidence["heldout_error_growth"]
+    assert growth is None or growth > 0
     assert 0 <= evidence["p_value"] <= 0.05 and 0 <= evidence["stability"] <= 1
 
 
@@ -296,6 +300,20 @@ def few(monkeypatch):
 
 
 short = partial(record, PENDULUM, episodes=4, seconds=1.5, noise=4e-3, seed=3)
+
+
+@pytest.mark.slow
+def test_a_search_that_is_stopped_on_its_way_claims_what_it_has_found(few, model):
+    """No simulation had been fitted yet."""
+    said: list[str] = []
+    found = diagnose(
+        model,
+        [short(change=_dry)],
+        progress=lambda what, share: said.append(what),
+        is_over=lambda share: sum(s.startswith("trying") for s in said) > 1,
+    )
+    assert _claimed(found) == [("coulomb_friction", "joint:hinge")]
+    assert found.document["stopped"]["not_tried"]
 
 
 @pytest.mark.slow

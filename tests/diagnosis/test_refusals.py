@@ -81,4 +81,4 @@ def test_a_text_that_cannot_be_patched_is_told_before_the_search(model, monkeypa
     said: list[str] = []
     with pytest.raises(_SearchBegan):
         diagnose(model, [short()], progress=_listen_until_search(said))
-    assert said == ["patched.xml will be the model as given: it has no text"]
+    assert said[-1] == "patched.xml will be the model as given: it has no text"

@@ -46,7 +46,7 @@ def test_many_findings_are_counted():
     many = [{**FINDING, "target": "joint:a"}, DELAY]
     many += [{**FINDING, "effect": f"effect_{k}"} for k in range(5)]
     said = state_verdict(make_document(findings=many))
-    assert said.startswith("7 things differ from the model, first of all: ")
+    assert said.startswith("7 things differ from the model, the 3 that explain most: ")
     assert "effect 0 (frictionloss 0.14 N m" in said and "effect 1" not in said
     assert read_page_words(make_diagnosis(findings=many)).count("joint:knee") >= 5
 

@@ -30,7 +30,8 @@ FINDING = {
         "regime": "reversal",
         "windows": [{"episode": "003", "start": 1.2, "end": 1.9}],
     },
-    "evidence": {"heldout_nll_gain": 1.8, "p_value": 0.001, "stability": 0.97},
+    "evidence": {"heldout_nll_gain": 1.8, "p_value": 0.001, "stability": 0.97,
+                 "heldout_error_growth": 4.56},
     "native": True,
 }  # fmt: skip
 DELAY = {
@@ -88,7 +89,11 @@ def make_document(verdict="explained", findings=(FINDING,)) -> dict:
              "low": 0.45, "high": 0.46, "unit": "kg"},
         ],
         "fit": {"held_out": ["a.h5:004", "a.h5:005"], "given": 0.21, "refit": 0.12,
-                "patched": 0.03, "floor": 0.025, "explainable_removed": 0.947},
+                "patched": 0.03, "floor": 0.025, "explainable_removed": 0.947,
+                "errors": [{"kind": "joint_position", "unit": "rad", "given": 0.0333,
+                            "refit": 0.0201, "patched": 0.0054, "floor": 0.0018},
+                           {"kind": "joint_velocity", "unit": "rad/s", "given": 2.0,
+                            "refit": 1.0, "patched": 0.5, "floor": None}]},
     })  # fmt: skip
 
 

@@ -65,6 +65,14 @@ class Channel:
         return slice(self.first_column, self.first_column + self.width)
 
     @property
+    def error_unit(self) -> tuple[float, str]:
+        """A number by which the length of an error gets a unit, and that unit.
+
+        Of an orientation the angle: twice the length of a small change of a quaternion.
+        """
+        return (2.0, "rad") if self.kind == "body_orientation" else (1.0, self.unit)
+
+    @property
     def free_columns(self) -> int:
         """How many columns are free: a quaternion or direction has a unit norm."""
         return self.width - (self.width > 1 and self.unit in ("1", "quaternion"))

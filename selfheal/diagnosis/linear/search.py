@@ -31,7 +31,7 @@ FINALISTS = 30  # candidates that are tried in all rows, and moves fitted in vai
 MOST_EFFECTS = 60
 RESAMPLES = 200
 
-Progress = Callable[[str, float], None]
+Progress = Callable[[str, int], None]
 
 
 class Search:
@@ -48,21 +48,31 @@ class Search:
         self,
         start: LinearFit,
         candidates: Sequence[Term],
-        progress: Progress = lambda what, share: None,
+        progress: Progress = lambda what, named: None,
     ) -> None:
         """What is searched.
 
         Args:
             start: fit to begin with, from where values are fitted first.
             candidates: terms that may be added.
-            progress: called with a message and a share (0 to 1).
+            progress: called with what is tried and how many effects have a name.
         """
         self.candidates, self.say = candidates, progress
         self.fit = start if start.model.is_rough else refine(start)
         self.path: list[LinearFit] = []
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
+        # gain and price [nats], share of independent errors, fit of moves worth it
+        self._earned: list[tuple[float, float, float, LinearFit]] = []
         self.first_ranking: tuple[tuple[Term, float], ...] = ()
+
+    @property
+    def reached(self) -> LinearFit:
+        """The best fit so far, in the middle of a move too."""
+        if not self._earned:
+            return self.fit
+        least = min(share for _, _, share, _ in self._earned)  # alike for all
+        return max(self._earned, key=lambda x: least * x[0] - x[1])[-1]
 
     def run(self) -> LinearFit:
         """The set of effects after all moves that are worth it, fitted."""
@@ -80,7 +90,7 @@ class Search:
                 self._directions = self._propose()
             before = {t.key for t in self.fit.named}
             if new := self._select(self._directions):
-                self.fit = new
+                self.fit, self._earned = new, []
                 for term in new.named:
                     if term.key not in before:
                         self._exchange(term, is_alike=True)
@@ -250,7 +260,7 @@ class Search:
             self.first_ranking = tuple((t, np.exp(-2 * g / size)) for t, g in singles)
         most = {id(m): gain - self._sum_penalties(m, size) for gain, m, _ in ranked}
         ranked.sort(key=lambda each: -most[id(each[1])])
-        earned: list[tuple[float, float, float, LinearFit]] = []
+        earned = self._earned = []
         best, worse, failed = 0.0, 0, 0
         is_rough = fit.model.is_rough
         most_failed = TRIED if is_rough else FINALISTS
@@ -258,7 +268,7 @@ class Search:
             is_far = most[id(move)] < NEAR_SHARE * best
             if is_far or worse == TRIED or failed == most_failed:
                 break
-            self.say(f"trying {name_move(move, as_label=True)}", 0.0)
+            self.say(f"trying {name_move(move, as_label=True)}", len(fit.named))
             tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
             # a Jacobian held too long misleads, or leads nowhere
@@ -277,10 +287,7 @@ class Search:
             earned.append((gain, price, share, tried))
             worse += net <= best
             best = max(best, net)
-        if not earned:
-            return None
-        least = min(share for _, _, share, _ in earned)  # alike for all
-        return max(earned, key=lambda x: least * x[0] - x[1])[-1]
+        return self.reached if earned else None
 
     def _compare(self, tried: LinearFit) -> tuple[float, float, float]:
         """What a fit gains [nats], by how much it has to, and its share of rows."""

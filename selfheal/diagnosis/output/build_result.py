@@ -22,7 +22,11 @@ from ..estimation.fit import Fit
 from ..estimation.information import Information
 from ..estimation.least_squares import refine_jacobian
 from ..selection.hypotheses import Hypothesis
-from ..selection.replay_scores import HeldOutScores, explainable_removed
+from ..selection.replay_scores import (
+    HeldOutScores,
+    HorizonScores,
+    explainable_removed,
+)
 from ..selection.structure import RemainingStructure
 from ..simulation import score
 from ..simulation.checks import find_divergence
@@ -118,17 +122,25 @@ def _explain_urdf_patch(path: str, edits: Sequence[Edit]) -> list[str]:
 
 
 def _build_fit(dataset: Dataset, proof: HeldOutScores) -> dict[str, Any]:
-    """Errors in held-out episodes: replayed as a user would, and over each horizon."""
+    """Errors in held-out episodes: replayed as a user would, and over each horizon.
 
-    def with_share(numbers: dict[str, float]) -> dict[str, float | None]:
-        return {**numbers, "explainable_removed": explainable_removed(numbers)}
+    Normalized, and of each kind of signal in its unit.
+    """
+
+    def state(scores: HeldOutScores | HorizonScores) -> dict[str, Any]:
+        return {
+            **scores.numbers,
+            "explainable_removed": explainable_removed(scores.numbers),
+            "errors": [
+                {"kind": kind, "unit": unit, **errors}
+                for (kind, unit), errors in scores.by_kind.items()
+            ],
+        }
 
     return {
         "held_out": list(dataset.held_out_names),
-        **with_share(proof.numbers),
-        "horizons": [
-            {"seconds": h.seconds, **with_share(h.numbers)} for h in proof.horizons
-        ],
+        **state(proof),
+        "horizons": [{"seconds": h.seconds, **state(h)} for h in proof.horizons],
     }
 
 
@@ -293,6 +305,8 @@ def _fit_signals(
             c.name,
             c.is_scored,
             floor=float(noise[s]),
+            unit=c.error_unit[1],
+            scale=c.error_unit[0] * c.spread,
             **{
                 k: score.bootstrap_interval(simulator, squares[k], count, s)
                 for k in ("given", "refit", "patched")

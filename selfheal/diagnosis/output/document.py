@@ -24,7 +24,7 @@ LENGTHS = {"length", *SIDES}
 def build_findings(
     hypothesis: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
 ) -> list[dict[str, Any]]:
-    """One entry for each named effect and target.
+    """One entry for each named effect and target, those first that explain most.
 
     Args:
         hypothesis: with the named effects and their fit.
@@ -48,6 +48,7 @@ def build_findings(
                     "heldout_nll_gain": named.evidence.gain,
                     "p_value": named.evidence.p_value,
                     "stability": named.evidence.stability,
+                    "heldout_error_growth": named.growth,
                 },
                 "native": effect.is_native,
             })  # fmt: skip

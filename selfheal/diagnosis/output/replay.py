@@ -30,6 +30,7 @@ from ..effects.declaration import Parameter
 from ..effects.nominal import build_nominal_terms
 from ..effects.places import Place, name_added_joint
 from ..effects.second_joint import LINK
+from ..selection.search_record import Progress
 from ..simulation.build import (
     StateReconstruction,
     sample_with_base,
@@ -46,6 +47,7 @@ def replay_recording(
     recording: Recording,
     *,
     model: str | os.PathLike[str] | None = None,
+    progress: Progress = lambda what, share: None,
 ) -> Recording:
     """The recording with every predictable signal filled in, open loop.
 
@@ -54,6 +56,7 @@ def replay_recording(
         recording: commands and initial states, or readings that tell where an episode
             starts; signals say what is asked for.
         model: another version of the robot's model; None: the patched one.
+        progress: called with a message and the share (0 to 1) of the steps simulated.
 
     Raises:
         InputError: the folder holds no diagnosis.
@@ -68,10 +71,15 @@ def replay_recording(
     terms, values = _build_terms(document, compiler, patched)
     added = _find_added_joints(document, compiler.nominal) if patched else []
     check_against_model(recording, _list_names(compiler, len(added)))
-    episodes = {
-        name: _replay_episode(compiler, recording, name, terms, values, added)
-        for name in recording.episodes
-    }
+    episodes = dict[str, Episode]()
+    seconds = {name: float(np.ptp(e.time)) for name, e in recording.episodes.items()}
+    over, whole = 0.0, max(sum(seconds.values()), 1e-9)
+    for name in recording.episodes:
+        progress(f"replaying {name}", over / whole)
+        episodes[name] = _replay_episode(
+            compiler, recording, name, terms, values, added
+        )
+        over += seconds[name]
     return replace(recording, episodes=episodes)
 
 

@@ -81,6 +81,8 @@ class SignalFit:
         refit: value, low and high of the re-fitted model.
         patched: value, low and high of the model with the findings.
         floor: what the readings' noise alone leaves.
+        unit: of errors that are not normalized.
+        scale: what a normalized error of 1 is [unit].
     """
 
     name: str
@@ -89,6 +91,8 @@ class SignalFit:
     refit: tuple[float, float, float]
     patched: tuple[float, float, float]
     floor: float
+    unit: str = "1"
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)

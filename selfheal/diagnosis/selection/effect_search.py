@@ -5,8 +5,10 @@ values are then fitted to simulations, in segments as long as the robot can be
 predicted, and what these do not ask for is removed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from ..linear.measurement import is_measured, measure_motion
 from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
 from ..linear.torque_balance import TorqueBalance, can_be_linear
+from ..simulation.cache import OutOfTime
 from .lengthening import fit_longer
 from .search_record import SearchRecord
 from .search_state import (
@@ -29,6 +32,7 @@ from .search_state import (
 )
 from .settings import SELECTION
 from .subsampling import mean_seconds
+from .time_left import Stage
 
 MIN_WINDOWS = 20  # for a likelihood of equation errors; a few a block
 
@@ -62,7 +66,7 @@ def search_effects(
         if not hidden:
             return states
         states[-1] = states[-1].with_candidates(hidden)
-    record("predicting segments", 0.0)
+    record.enter(Stage.DERIVATIVES, "predicting segments")
     regime = state.problem.regime
     if regime.has_rough_cost or regime.has_single_readings:
         return _alternate(states, longer, rng, record)
@@ -105,14 +109,39 @@ def _alternate(
     found = list(states)
     while not found[-1].is_explained:
         search = _search_segments(states[0].problem, found[-1], record)
-        is_moved = search.make_move()
-        record.add_tried(search.candidates)
-        state = _keep_ranking(found[-1], search)
-        if not is_moved:
-            break
-        search.finish()
-        found.append(_fit_set(search, search.fit, state, longer, rng, record))
+        with _keep_unfinished(search, found[-1], rng, record):
+            is_moved = search.make_move()
+            record.add_tried(search.candidates)
+            state = _keep_ranking(found[-1], search)
+            if not is_moved:
+                break
+            search.finish()
+            found.append(_fit_set(search, search.fit, state, longer, rng, record))
     return found
+
+
+@contextmanager
+def _keep_unfinished(
+    search: Search, state: SearchState, rng: np.random.Generator, record: SearchRecord
+) -> Iterator[None]:
+    """Have what a search found fitted to short segments, where time is over meanwhile.
+
+    Not if it had fitted some of it already.
+
+    Args:
+        search: that is run.
+        state: whose segments are fitted.
+        rng: draws resamples.
+        record: of what was tried and found.
+    """
+    before = record.state
+    try:
+        yield
+    except OutOfTime:
+        linear = search.reached
+        if record.state is before and linear.named:
+            record.finish = partial(_fit_set, search, linear, state, (), rng, record)
+        raise
 
 
 def _keep_ranking(state: SearchState, search: Search) -> SearchState:
@@ -133,7 +162,7 @@ def _balance_torques(
     is_slow = mean_seconds(state.problem) >= SELECTION.long_segment
     if is_slow or not is_measured(simulator):
         return None
-    record("measuring accelerations", 0.0)
+    record.enter(Stage.DERIVATIVES, "measuring accelerations")
     motion = measure_motion(simulator.native, rng)
     if len(motion.windows) < MIN_WINDOWS:
         return None
@@ -158,18 +187,19 @@ def _walk(
         rng: draws resamples.
         record: of what was tried and found.
     """
-    search.run()
-    record.add_tried(search.candidates)
-    state = _keep_ranking(state, search)
-    found, seen = [], {frozenset(t.key for t in state.named)}
-    for linear in reversed(search.path):
-        keys = frozenset(t.key for t in linear.named)
-        if keys in seen:
-            continue
-        seen.add(keys)
-        found.append(_fit_set(search, refine(linear), state, longer, rng, record))
-        if found[-1].is_explained:
-            return found[-1:]
+    with _keep_unfinished(search, state, rng, record):
+        search.run()
+        record.add_tried(search.candidates)
+        state = _keep_ranking(state, search)
+        found, seen = [], {frozenset(t.key for t in state.named)}
+        for linear in reversed(search.path):
+            keys = frozenset(t.key for t in linear.named)
+            if keys in seen:
+                continue
+            seen.add(keys)
+            found.append(_fit_set(search, refine(linear), state, longer, rng, record))
+            if found[-1].is_explained:
+                return found[-1:]
     return found[::-1]
 
 
@@ -196,7 +226,7 @@ def _fit_set(
         evidence = Evidence(*search.weigh(linear, less, term, rng))
         rivals = search.find_rivals(linear, less, term)
         state = state.with_claim(term, Claim(evidence, rivals))
-    record(f"fitting {len(linear.named)} effects to simulations", 0.0)
+    record.enter(Stage.FITS, f"fitting {len(linear.named)} effects to simulations")
     return _fit_to_simulations(state, linear, longer, record)
 
 

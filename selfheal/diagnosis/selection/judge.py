@@ -4,7 +4,7 @@ By the log predictive density of segments of several lengths, paired. A segment 
 by the logarithm of its error, so that a blow in one of them does not decide.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,11 +79,28 @@ def compare(first: Sequence[Floats], second: Sequence[Floats]) -> Floats:
         second: errors of the other.
     """
     out = []
-    for a, b in zip(first, second, strict=True):
-        lead = np.clip(np.nan_to_num(b - a, nan=0.0), -MOST_NATS, MOST_NATS)
+    for lead in _pair(first, second):
         spread = lead.std(ddof=1) if len(lead) > 1 else abs(lead[0])
         out.append(lead.mean() / (spread / np.sqrt(len(lead)) + FIT.tiny))
     return np.array(out)
+
+
+def measure_lead(first: Sequence[Floats], second: Sequence[Floats]) -> float:
+    """By how many nats of a segment one fit predicts better than another.
+
+    The mean over horizons of the mean of paired differences.
+
+    Args:
+        first: errors of one, from `Judge.log_errors`.
+        second: errors of the other.
+    """
+    return float(np.mean([lead.mean() for lead in _pair(first, second)]))
+
+
+def _pair(first: Sequence[Floats], second: Sequence[Floats]) -> Iterator[Floats]:
+    """Paired differences (W) [nats] of each horizon, positive where the first leads."""
+    for a, b in zip(first, second, strict=True):
+        yield np.clip(np.nan_to_num(b - a, nan=0.0), -MOST_NATS, MOST_NATS)
 
 
 def is_clearly_better(first: Sequence[Floats], second: Sequence[Floats]) -> bool:

@@ -24,6 +24,7 @@ from ..simulation.dataset import (
     Dataset,
     cut_readable_segments,
 )
+from ..simulation.simulator import Simulator
 from .hypotheses import Hypothesis
 from .judge import Judge, is_outdone
 from .quantization import append_step
@@ -33,6 +34,8 @@ from .stated_values import restore_stated
 from .subsampling import draw_segments
 
 Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
+# kind and unit of signals; name of a model, or "floor": error [that unit]
+ErrorsByKind = dict[tuple[str, str], dict[str, float]]
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,12 @@ class HorizonScores:
         seconds: length of the segments [s].
         numbers: score of each model ("given", "refit" and "patched"), and the "floor"
             that noise, initial states and time step leave.
+        by_kind: root mean square errors of each of them, by kind and unit of signals.
     """
 
     seconds: float
     numbers: dict[str, float]
+    by_kind: ErrorsByKind
 
     @property
     def floor_ratio(self) -> float:
@@ -65,6 +70,7 @@ class HeldOutScores:
         count: (E, S) readings of each episode and signal.
         squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
         numbers: score [1] of each model, by its name, and of the noise floor.
+        by_kind: root mean square errors of each of them, by kind and unit of signals.
         horizons: scores in longer and longer segments, up to whole episodes, as far as
             the robot can be predicted.
     """
@@ -75,6 +81,7 @@ class HeldOutScores:
     count: Floats
     squares: dict[str, Floats]
     numbers: dict[str, float]
+    by_kind: ErrorsByKind
     horizons: tuple[HorizonScores, ...]
 
     @classmethod
@@ -125,18 +132,11 @@ class HeldOutScores:
             "given": ((), np.zeros(0)),
             **{name: (fit.terms, fit.values) for name, fit in refits.items()},
         }
-        squares = {
-            k: score.sum_squared_errors(simulator, segments, terms, values)
-            for k, (terms, values) in models.items()
-        }
-        numbers = {
-            k: score.compute_score(simulator, s, count) for k, s in squares.items()
-        }
-        numbers["floor"] = min(
-            _measure_floor(dataset, segments, patched)[0], numbers["patched"]
-        )
+        squares = _square_errors(simulator, segments, models)
+        floor, _ = _measure_floor(dataset, segments, patched)
+        scores = _score_models(simulator, squares, count, floor)
         horizons = _score_horizons(dataset, models, patched)
-        return cls(refits, unrestored, segments, count, squares, numbers, horizons)
+        return cls(refits, unrestored, segments, count, squares, *scores, horizons)
 
 
 def _select_some(fit: Fit) -> LinearizedFit:
@@ -144,6 +144,39 @@ def _select_some(fit: Fit) -> LinearizedFit:
     rng = np.random.default_rng(3)
     some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
     return LinearizedFit.from_fit(fit).select(some)
+
+
+def _square_errors(
+    simulator: Simulator, segments: Segments, models: Models
+) -> dict[str, Floats]:
+    """Sums (E, S) of the squared errors [unit of the signal, squared] of each model."""
+    return {
+        name: score.sum_squared_errors(simulator, segments, terms, values)
+        for name, (terms, values) in models.items()
+    }
+
+
+def _score_models(
+    simulator: Simulator, squares: Mapping[str, Floats], count: Floats, floor: Floats
+) -> tuple[dict[str, float], ErrorsByKind]:
+    """Scores [1] and errors by kind of models and of the floor, which none beats.
+
+    Args:
+        simulator: with S channels.
+        squares: (E, S) sums of squared errors of each model, by its name.
+        count: (E, S) readings of each episode and signal.
+        floor: (S) mean squares that the best model would leave.
+    """
+    squares = {**squares, "floor": floor * count}
+    numbers = {k: score.compute_score(simulator, s, count) for k, s in squares.items()}
+    numbers["floor"] = min(numbers["floor"], numbers["patched"])
+    by_kind: ErrorsByKind = {}
+    for name, total in squares.items():
+        for key, error in score.pool_errors(simulator, total, count).items():
+            by_kind.setdefault(key, {})[name] = error
+    for errors in by_kind.values():
+        errors["floor"] = min(errors["floor"], errors["patched"])
+    return numbers, by_kind
 
 
 def _score_horizons(
@@ -172,23 +205,16 @@ def _score_horizons(
         if horizons and not by_start < FIT.max_state_response:
             break
         count = score.count_readings(simulator, segments)
-        numbers = {
-            name: score.compute_score(
-                simulator,
-                score.sum_squared_errors(simulator, segments, terms, values),
-                count,
-            )
-            for name, (terms, values) in models.items()
-        }
-        numbers["floor"] = min(floor, numbers["patched"])
-        horizons.append(HorizonScores(seconds, numbers))
+        squares = _square_errors(simulator, segments, models)
+        scores = _score_models(simulator, squares, count, floor)
+        horizons.append(HorizonScores(seconds, *scores))
     return tuple(horizons)
 
 
 def _measure_floor(
     dataset: Dataset, segments: Segments, fit: Fit
-) -> tuple[float, float]:
-    """Score [1] that noise, initial states and the time step would leave.
+) -> tuple[Floats, float]:
+    """Mean squares that noise, initial states and the time step would leave.
 
     Noise is in what a prediction is compared with and, where the initial state was
     read, in what it starts from. The latter is propagated to first order: each state
@@ -201,7 +227,8 @@ def _measure_floor(
         fit: that was replayed.
 
     Returns:
-        The score of all three, and that of the initial states alone.
+        Of all three (S) [each channel's unit^2], and the score [1] of the initial
+        states alone.
     """
     simulator = dataset.held_out.native
     offsets = build_initial_state_offsets(simulator, segments)
@@ -224,15 +251,10 @@ def _measure_floor(
             x[is_read][:, c.columns].sum(axis=1).mean() if is_read.any() else 0.0
             for x in (by_start, by_step)
         )
-        all_of_it.append((noise + start + step) / c.spread**2)
-        of_start.append(start / c.spread**2)
-    scored = np.array([c.is_scored for c in simulator.channels])
-    if not scored.any():
-        return 0.0, 0.0
-    total, start = (
-        float(np.sqrt(np.mean(np.array(x)[scored]))) for x in (all_of_it, of_start)
-    )
-    return total, start
+        all_of_it.append(noise + start + step)
+        if c.is_scored:
+            of_start.append(start / c.spread**2)
+    return np.array(all_of_it), float(np.sqrt(np.mean(of_start or [0.0])))
 
 
 def explainable_removed(numbers: dict[str, float]) -> float | None:

@@ -1,11 +1,13 @@
 """What a search has found so far, for whoever watches it or stops it."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from ..effects.base import Term
-from ..linear.search import Progress
 from .search_state import SearchState
+from .time_left import Stage, TimeLeft
+
+Progress = Callable[[str, float], None]
 
 
 class SearchRecord:
@@ -14,23 +16,38 @@ class SearchRecord:
     Attributes:
         stage: what is being done.
         state: the last one of the search; None: there is none yet.
+        finish: fits what a search that was stopped had found since; None: nothing.
         tried: keys of the terms that were tried.
         stopped: what was being done when time was over; empty where it was not.
     """
 
-    def __init__(self, progress: Progress) -> None:
-        """`progress`: called with a message and a share (0 to 1)."""
-        self._progress = progress
+    def __init__(
+        self, progress: Progress | None = None, time_left: TimeLeft | None = None
+    ) -> None:
+        """What is watched.
+
+        Args:
+            progress: called with a message and the share (0 to 1) of all that is done.
+            time_left: predicts that share.
+        """
+        self._progress = progress or (lambda what, share: None)
+        self._time_left = time_left or TimeLeft()
         self.stage = "beginning the search"
         self.state: SearchState | None = None
+        self.finish: Callable[[], SearchState] | None = None
         self._belief = ""
         self.tried: set[tuple] = set()
         self.stopped = ""
 
-    def __call__(self, what: str, share: float) -> None:
-        """Say what is being done, how much of it is done, and what is believed."""
+    def __call__(self, what: str, named: int) -> None:
+        """Say what a search tries, with so many named effects."""
+        self._time_left.named = named
+        self.enter(Stage.SEARCH, what)
+
+    def enter(self, stage: Stage, what: str) -> None:
+        """Say what is being done from now on, and what is believed."""
         self.stage = what
-        self._progress(what + self._belief, share)
+        self._progress(what + self._belief, self._time_left.enter(stage))
 
     def stop(self) -> None:
         """Know that time is over; what is stopped first counts."""
@@ -38,14 +55,14 @@ class SearchRecord:
 
     def keep(self, state: SearchState) -> None:
         """Keep a state as the last one."""
-        self.state = state
+        self.state, self._time_left.named = state, len(state.named)
         count = Counter(t.effect.name for t in state.named)
         each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
         self._belief = f" (so far: {', '.join(each)})" if each else ""
 
     def forget_state(self) -> None:
         """Forget the state, whose Jacobian is large, but not what is believed."""
-        self.state = None
+        self.state = self.finish = None
 
     def add_tried(self, terms: Iterable[Term]) -> None:
         """Know that terms were tried."""

@@ -148,6 +148,25 @@ def normalize_errors(simulator: Simulator, squares: Floats, count: Floats) -> Fl
     return np.where(count.sum(axis=0) > 0, np.sqrt(total) / spread, np.nan)
 
 
+def pool_errors(
+    simulator: Simulator, squares: Floats, count: Floats
+) -> dict[tuple[str, str], float]:
+    """Root mean square errors of all signals of a kind, by kind and unit.
+
+    Args:
+        simulator: with S channels.
+        squares: (E, S) from `sum_squared_errors`.
+        count: (E, S) from `count_readings`.
+    """
+    sums: dict[tuple[str, str], Floats] = {}
+    each = np.nansum(squares, axis=0), count.sum(axis=0)
+    for c, total, number in zip(simulator.channels, *each, strict=True):
+        scale, unit = c.error_unit
+        pooled = sums.setdefault((c.kind, unit), np.zeros(2))
+        pooled += [scale**2 * total, number]
+    return {key: float(np.sqrt(s / n)) for key, (s, n) in sums.items() if n}
+
+
 def compute_score(simulator: Simulator, squares: Floats, count: Floats) -> float:
     """Score a prediction as the contract does: 0 is exact, 1 is no better than a mean.
 

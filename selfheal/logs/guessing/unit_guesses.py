@@ -171,7 +171,7 @@ def guess_command_unit(
     if distance[best] > 2 * _CLOSE:
         return None
     why = (f"the position follows it {relation.lag * 1000:.0f} ms later by "
-           f"{relation.slope:.3g}")  # fmt: skip
+           f"{relation.slope:.3g} {place.unit} for each 1 of it")  # fmt: skip
     return UnitGuess(best, 1, None, 0.95, why)
 
 

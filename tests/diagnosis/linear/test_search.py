@@ -7,10 +7,11 @@ import pytest
 
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.linear.fit import start_fit
+from selfheal.diagnosis.linear.fit import LinearFit, start_fit
 from selfheal.diagnosis.linear.measurement import is_measured, measure_motion
 from selfheal.diagnosis.linear.search import Search
 from selfheal.diagnosis.linear.torque_balance import TorqueBalance, can_be_linear
+from selfheal.diagnosis.simulation.cache import OutOfTime
 from selfheal.recording import Recording
 from tests.support.recorded_robots import (
     NO_COMMAND,
@@ -48,15 +49,21 @@ def find_effects(robot: Robot, folder, **how) -> dict[tuple[str, str], np.ndarra
     return search(bench(robot, folder, **how))
 
 
-def search(b: Bench) -> dict[tuple[str, str], np.ndarray]:
-    """The same, of a robot's recording that is there."""
+def search(
+    b: Bench, run=Search.run, progress=lambda what, named: None
+) -> dict[tuple[str, str], np.ndarray]:
+    """The same, of a robot's recording that is there; as `run` runs the search."""
     motion = measure_motion(b.simulator, np.random.default_rng(0))
     effects = [e for e in load_catalogue().values() if not e.rounds_readings]
     candidates = [
         t for e in effects for t in e.propose_terms(b.robot) if can_be_linear(t)
     ]
     start = start_fit(TorqueBalance(motion), build_nominal_terms(b.robot))
-    fit = Search(start, candidates).run()
+    return list_values(run(Search(start, candidates, progress)))
+
+
+def list_values(fit: LinearFit) -> dict[tuple[str, str], np.ndarray]:
+    """Values of the named effects by effect and target."""
     each = zip(fit.named, fit.named_values, strict=True)
     return {(t.effect.name, t.targets[0]): values for t, values in each}
 
@@ -142,3 +149,26 @@ def test_joints_that_are_not_read_need_simulations(tmp_path):
     assert is_measured(bench(ARM, tmp_path, seconds=0.5).simulator)
     half = bench(ROBOTS["half_seen_arm"], tmp_path, seconds=0.5)
     assert not is_measured(half.simulator)
+
+
+def test_a_search_whose_time_is_over_has_the_best_that_it_tried(tmp_path):
+    """In the middle of a move, too."""
+
+    def change(model):
+        model.dof_frictionloss[1] = 0.2
+
+    tried: list[str] = []
+
+    def tell(what, named):
+        if tried:
+            raise OutOfTime
+        tried.append(what)
+
+    def run_until_over(search: Search) -> LinearFit:
+        assert not search.reached.named
+        with pytest.raises(OutOfTime):
+            search.run()
+        return search.reached
+
+    found = search(bench(ARM, tmp_path, change=change), run_until_over, tell)
+    assert len(tried) == 1 and set(found) == {("coulomb_friction", "joint:elbow")}

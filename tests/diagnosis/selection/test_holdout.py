@@ -10,6 +10,7 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.holdout import (
+    drop_refuted,
     keep_predictive,
     try_equivalents,
 )
@@ -60,3 +61,26 @@ def test_the_last_fit_stands_unless_the_one_of_the_search_predicts_better(arm):
         assert keep_predictive(case, last, searched) is (last if is_kept else searched)
     # in the segments of the search it always does
     assert keep_predictive(case, far, near) is far
+
+
+def test_what_explains_most_in_held_out_segments_comes_first(arm, monkeypatch):
+    """Whatever the order in which a search found it."""
+    dry, wet = (
+        find_effect(name).propose_terms(arm.robot)[1]
+        for name in ("coulomb_friction", "viscous_friction")
+    )
+    case = SimpleNamespace(held_out=None)
+    for values in ((0.2, 0.01), (0.02, 0.1)):
+        problem = make_problem(arm, (dry, wet), values)
+        held, seen = (
+            problem.select(np.arange(i, len(problem.segments), 3)) for i in (0, 1)
+        )
+        judge = Judge(held.simulator, (held.segments,))
+        monkeypatch.setattr(Judge, "build", lambda *_, judge=judge: judge)
+        fit = fit_parameters(seen, (dry, wet), np.array(values))
+        names = (name_effect(dry), name_effect(wet))
+        kept, refuted = drop_refuted(case, Hypothesis(fit, fit, names, ()))
+        assert not refuted
+        first = max(zip(values, (dry, wet), strict=True), key=lambda each: each[0])[1]
+        assert [n.term.key for n in kept.named][0] == first.key
+        assert kept.named[0].growth > kept.named[1].growth > 1

@@ -8,7 +8,7 @@ def test_an_effect_that_was_tried_at_some_places_alone_is_left(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)
     rotor = find_effect("armature").propose_terms(arm.robot)
     assert len(dry) == len(rotor) == 2
-    record = SearchRecord(lambda what, share: None)
+    record = SearchRecord()
     record.add_tried([*dry, rotor[0]])
     assert record.list_untried([*dry, *rotor]) == ["armature"]
     record.add_tried([rotor[1]])
