@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 # bytes of logs from which a recording is not compressed; chosen: above, that would take
 # longer than all else
 _LARGE = 200_000_000
-# of the time that an import takes, that of reading; the rest converts and compresses.
+# of the time that an import takes, that of reading; the rest converts and compresses:
 # chosen: reading and converting take about the same
 READING_SHARE = 0.5
 
