@@ -25,6 +25,17 @@ def compute_gains(before: LinearFit, after: LinearFit) -> Floats:
     return losses[0] - losses[1]
 
 
+def is_worth_more(plain: LinearFit, new: LinearFit) -> bool:
+    """Whether a form with more parameters predicts blocks better by a standard error.
+
+    Of forms that do not, the plainest counts (Breiman et al. 1984).
+    """
+    if len(new.values) <= len(plain.values):
+        return True
+    gains = compute_gains(plain, new)
+    return bool(gains.sum() > np.sqrt(len(gains)) * gains.std(ddof=1))
+
+
 def _predict_blocks(fit: LinearFit, whitening: Whitening) -> Floats:
     """Losses [nats] of B blocks, each with values that the others tell."""
     count = len(whitening.errors)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..effects.base import Term
 from ..effects.terms import find_other_forms, is_distinct
-from .cross_validation import compute_gains
+from .cross_validation import compute_gains, is_worth_more
 from .errors import Direction, propose_directions
 from .fit import (
     LinearFit,
@@ -137,7 +137,7 @@ class Search:
             new = add_terms(less, move, coordinates)
             cost = share * new.cost + self._price(new, len(new.terms) - 1, rows)
             is_small = move[0].term.is_negligible(new.named_values[-1])
-            if cost < best and not is_small:
+            if cost < best and not is_small and is_worth_more(fit, new):
                 self.fit, best = new, cost
 
     def find_rivals(
