@@ -147,9 +147,7 @@ class Direction:
     def bounds(self) -> tuple[Floats, Floats]:
         """Bounds (k) of coordinates, each alone, within those of the values."""
         count, term = len(self.steps), self.term
-        if not self.start.size:  # it acts or does not
-            return np.ones(count), np.ones(count)
-        if not np.isfinite(self.start).all():
+        if not self.start.size or not np.isfinite(self.start).all():  # it acts or not
             return np.zeros(count), np.ones(count)
         if self._is_sinusoid:
             most = term.high[0] / (self.start + self.steps[0])[0]

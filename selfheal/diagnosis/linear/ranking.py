@@ -7,6 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ...recording.data import Floats
+from ..effects.base import Term
+from ..effects.terms import find_other_forms, is_distinct
 from ..estimation.quadratic_model import solve_bounded_step
 from .errors import Direction
 from .fit import LinearFit, invert
@@ -31,6 +33,31 @@ def name_move(move: Move, *, as_label: bool = False) -> str:
         return move[0].term.label if as_label else str(move[0].term.key)
     effects = dict.fromkeys(d.term.effect.name for d in move)
     return f"{', '.join(effects)} at {len(move)} places"
+
+
+def can_stand_beside(term: Term, named: Sequence[Term]) -> bool:
+    """Whether no name has the term's effect there, nor a form of the same law."""
+    return is_distinct(term, named) and not find_other_forms(term, named)
+
+
+def list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
+    """What may be added: each direction, an effect at all its places, all usual ones.
+
+    What one drive has the others often have as well; one by one, the first would stand
+    for all of them.
+    """
+    open_directions = [d for d in directions if can_stand_beside(d.term, fit.named)]
+    groups: dict[str, dict[tuple, Direction]] = {}
+    for d in open_directions:
+        groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
+    moves: list[Move] = [(d,) for d in open_directions]
+    moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
+    usual = [
+        d for g in groups.values() for d in g.values() if d.term.effect.is_usual(d.term)
+    ]
+    if len({d.term.effect.name for d in usual}) > 1:
+        moves.append(tuple(usual))
+    return moves
 
 
 @dataclass(frozen=True, eq=False)

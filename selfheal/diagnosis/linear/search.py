@@ -22,11 +22,12 @@ from .fit import (
     remove_terms,
 )
 from .likelihood import estimate_independence
-from .ranking import Move, name_move, rank
+from .ranking import Move, can_stand_beside, list_moves, name_move, rank
 
 RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 TRIED = 5  # moves that are fitted beyond the best one
 NEAR_SHARE = 0.5  # of the best gain, beyond its penalty, by which another is predicted
+MOST_NEAR = 2  # moves beside the best that simulations may prefer
 FINALISTS = 30  # candidates that are tried in all rows, and moves fitted in vain
 MOST_EFFECTS = 60
 RESAMPLES = 200
@@ -40,6 +41,7 @@ class Search:
     Attributes:
         fit: of what has a name so far.
         path: fits that were reached, each with a move more; the last is the answer.
+        near: fits with other moves that were worth nearly as much as the last one.
         first_ranking: candidates beside the model as given, each with the share of the
             mean square error that it leaves.
     """
@@ -60,6 +62,7 @@ class Search:
         self.candidates, self.say = candidates, progress
         self.fit = start if start.model.is_rough else refine(start)
         self.path: list[LinearFit] = []
+        self.near: list[LinearFit] = []
         self._excluded: set[str] = set()
         self._directions: list[Direction] = []
         # gain and price [nats], share of independent errors, fit of moves worth it
@@ -69,10 +72,24 @@ class Search:
     @property
     def reached(self) -> LinearFit:
         """The best fit so far, in the middle of a move too."""
-        if not self._earned:
-            return self.fit
+        return self._sort_earned()[0][1] if self._earned else self.fit
+
+    def _sort_earned(self) -> list[tuple[float, LinearFit]]:
+        """Gain less price [nats], and fit, of moves worth it, the best first."""
         least = min(share for _, _, share, _ in self._earned)  # alike for all
-        return max(self._earned, key=lambda x: least * x[0] - x[1])[-1]
+        nets = [(least * gain - price, fit) for gain, price, _, fit in self._earned]
+        return sorted(nets, key=lambda each: -each[0])
+
+    def rate(self, fit: LinearFit, squared_error: float) -> float:
+        """Cost [nats] of a set whose predictions have a squared error, with its price.
+
+        Of normal errors whose size nobody knows.
+        """
+        _, rows = self._independence(fit)
+        price = sum(
+            self._price(fit, i, rows) for i in range(fit.stated, len(fit.terms))
+        )
+        return float(0.5 * rows * np.log(squared_error) + price)
 
     def run(self) -> LinearFit:
         """The set of effects after all moves that are worth it, fitted."""
@@ -90,7 +107,9 @@ class Search:
                 self._directions = self._propose()
             before = {t.key for t in self.fit.named}
             if new := self._select(self._directions):
-                self.fit, self._earned = new, []
+                (best, _), *others = self._sort_earned()
+                near = [fit for net, fit in others if net > NEAR_SHARE * best]
+                self.fit, self.near, self._earned = new, near[:MOST_NEAR], []
                 for term in new.named:
                     if term.key not in before:
                         self._exchange(term, is_alike=True)
@@ -235,7 +254,7 @@ class Search:
         """
         fit, size = self.fit, self.fit.whitening.errors.size
         share = fit.model.screening_share
-        open_terms = [t for t in self.candidates if _can_stand_beside(t, fit.named)]
+        open_terms = [t for t in self.candidates if can_stand_beside(t, fit.named)]
         if share > 1.5:
             part = fit.thin(share)
             hopeful = set()
@@ -253,7 +272,7 @@ class Search:
     def _select(self, directions: Sequence[Direction]) -> LinearFit | None:
         """The fit with the move that lowers the cost most, beyond its penalty."""
         fit, size = self.fit, self.fit.whitening.errors.size
-        moves = [m for m in _list_moves(fit, directions) if self._is_open(m)]
+        moves = [m for m in list_moves(fit, directions) if self._is_open(m)]
         ranked = rank(fit, moves)
         if not self.first_ranking:
             singles = ((m[0].term, gain) for gain, m, _ in ranked if len(m) == 1)
@@ -367,28 +386,3 @@ def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
     """Directions of some terms beside a fit."""
     values = fit.values[: fit.count]
     return propose_directions(fit.model, fit.terms, values, fit.plain_errors, terms)
-
-
-def _can_stand_beside(term: Term, named: Sequence[Term]) -> bool:
-    """Whether no name has the term's effect there, nor a form of the same law."""
-    return is_distinct(term, named) and not find_other_forms(term, named)
-
-
-def _list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
-    """What may be added: each direction, an effect at all its places, all usual ones.
-
-    What one drive has the others often have as well; one by one, the first would stand
-    for all of them.
-    """
-    open_directions = [d for d in directions if _can_stand_beside(d.term, fit.named)]
-    groups: dict[str, dict[tuple, Direction]] = {}
-    for d in open_directions:
-        groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
-    moves: list[Move] = [(d,) for d in open_directions]
-    moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
-    usual = [
-        d for g in groups.values() for d in g.values() if d.term.effect.is_usual(d.term)
-    ]
-    if len({d.term.effect.name for d in usual}) > 1:
-        moves.append(tuple(usual))
-    return moves

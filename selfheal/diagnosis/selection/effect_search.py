@@ -98,7 +98,8 @@ def _alternate(
 ) -> list[SearchState]:
     """States with one move more each, fitted to simulations before the next one.
 
-    Where something touches a linear model holds near its values alone.
+    Where something touches a linear model holds near its values alone. So moves worth
+    nearly as much as the best one are fitted, too.
 
     Args:
         states: to go on from.
@@ -116,8 +117,38 @@ def _alternate(
             if not is_moved:
                 break
             search.finish()
-            found.append(_fit_set(search, search.fit, state, longer, rng, record))
+            found.append(
+                _fit_nearest(search, state, states[0].problem, longer, rng, record)
+            )
     return found
+
+
+def _fit_nearest(
+    search: Search,
+    state: SearchState,
+    problem: Problem,
+    longer: Sequence[Problem],
+    rng: np.random.Generator,
+    record: SearchRecord,
+) -> SearchState:
+    """The state with the last move, or one worth nearly as much if it predicts better.
+
+    Args:
+        search: that made the move.
+        state: before it.
+        problem: in whose segments predictions are compared.
+        longer: the problem in longer and longer segments.
+        rng: draws resamples.
+        record: of what was tried and found.
+    """
+    rated = []
+    for linear in (search.fit, *search.near):
+        tried = _fit_set(search, linear, state, longer, rng, record)
+        terms, values = tried.best.terms, tried.best.values
+        posed = marginalize_initial_states(problem, terms, values)
+        squares = (posed.residuals_at(terms, values) ** 2).sum()
+        rated.append((search.rate(linear, float(squares)), tried))
+    return min(rated, key=lambda each: each[0])[1]
 
 
 @contextmanager
