@@ -1,49 +1,17 @@
 """`selfheal recording import`: what it prints of a guess and of what was done."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from selfheal.printable import join_names
 
-from ._print import print_line, print_table
+from ._print import print_line
 
 if TYPE_CHECKING:
     from selfheal.logs.guessing.guess import Guess
     from selfheal.logs.import_report import ImportReport
     from selfheal.logs.offsets import Offset
-
-
-def print_guess(guess: "Guess") -> None:
-    """A table of the columns that were matched, and what to look at."""
-    print_table(
-        ("column", "kind", "of", "unit", "sure", "because of"), _list_guess_rows(guess)
-    )
-    for stream, (sure, why) in guess.time.notes.items():
-        name = f"time of {stream}" if stream else "time"
-        print_line(f"{name}: {why} ({sure:.0%} sure)")
-    if guess.unused:
-        print_line(f"not used: {join_names(guess.unused)}")
-    for remark in guess.remarks:
-        print_line(f"look: {remark}")
-
-
-def _list_guess_rows(guess: "Guess") -> Iterator[tuple[str, ...]]:
-    """A row for each target."""
-    from selfheal.logs.guessing.map_text import describe_unit
-
-    for line in guess.lines:
-        width = len(line.columns) // len(line.targets)
-        for k, target in enumerate(line.targets):
-            yield (
-                ", ".join(line.columns[k * width : (k + 1) * width]),
-                line.kind,
-                target,
-                describe_unit(line.units[k]),
-                f"{line.sure[k]:.0%}",
-                line.why[k],
-            )
 
 
 def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:

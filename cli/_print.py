@@ -5,7 +5,9 @@ several lines is a sequence of them.
 """
 
 import json
+import shutil
 import sys
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +31,21 @@ def print_line(line: str, *, is_error: bool = False) -> None:
     """Print a line, perhaps to standard error."""
     stream = sys.stderr if is_error else sys.stdout
     print(make_printable(line), file=stream, flush=True)
+
+
+def print_paragraph(text: str, indent: str = "") -> None:
+    """Print a text in lines as wide as the terminal, and break no word.
+
+    Args:
+        text: of one paragraph.
+        indent: before every line but the first.
+    """
+    lines = textwrap.wrap(
+        text, shutil.get_terminal_size().columns - 1, subsequent_indent=indent,
+        break_long_words=False, break_on_hyphens=False,
+    )  # fmt: skip
+    for line in lines:
+        print_line(line)
 
 
 def print_text(text: str, style: str = "", *, is_wrapped: bool = True) -> None:

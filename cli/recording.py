@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._options import make_epilog
-from ._print import print_json, print_line, print_table
+from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress
 from ._runs import refuse_existing
 
@@ -40,6 +40,14 @@ def check(
         Path | None,
         typer.Option(metavar="MODEL.xml", help="Also compare it with this MJCF."),
     ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="MAP.toml",
+            help="The map it was imported by: say which of its rules to replace.",
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object for scripts.")
     ] = False,
@@ -48,6 +56,7 @@ def check(
 
     With a model, also say where the two contradict each other as no physics does.
     """
+    from selfheal.errors import InputError
     from selfheal.recording import (
         check_against_model,
         list_model_names,
@@ -55,6 +64,8 @@ def check(
         read,
     )
 
+    if map_file is not None and model is None:
+        raise InputError("--map needs --model MODEL.xml, whose check mends it")
     recording = read(file) if model is None else read(file, model=str(model))
     found = None
     if model is not None:
@@ -64,6 +75,8 @@ def check(
         check_against_model(recording, list_model_names(compiled))
         found = examine_telemetry(recording, compiled)
     summary = _summarize_recording(recording, model, found)
+    if map_file is not None and found is not None:
+        summary["mended"] = _list_mended_rules(map_file, found, recording)
     if as_json:
         print_json(summary)
     else:
@@ -93,6 +106,14 @@ def import_log(
     guess: Annotated[
         bool, typer.Option("--guess", help="Propose a map, and import nothing.")
     ] = False,
+    preset: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="With --guess: lerobot-so101, legged_gym or ros2_control, whose logs "
+            "have known columns.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -111,8 +132,8 @@ def import_log(
     """Make a recording of a log: CSV, Parquet, ROS bag, LeRobot, JSON, NPZ, MAT ..."""
     from selfheal.errors import InputError
 
-    if guess == (map_file is not None):
-        raise InputError("give either --map MAP.toml or --guess")
+    if guess + (map_file is not None) != 1 or (preset and map_file):
+        raise InputError("give either --map MAP.toml or --guess, perhaps with --preset")
     if guess:
         out = out or Path("map.toml")
     if out is None:
@@ -122,27 +143,42 @@ def import_log(
         raise InputError(f"--out {out} would overwrite what it is made of")
     refuse_existing(out, force=force)
     if map_file is None:
-        _propose_map(logs[0], model, out, as_json=as_json)
+        _propose_map(logs[0], model, preset, out, as_json=as_json)
         return
     _import_logs(logs, model, map_file, out, as_json=as_json, asked=progress)
 
 
-def _propose_map(log: Path, model: Path, out: Path, *, as_json: bool) -> None:
-    """Write a map that fits a log, as far as can be told."""
+def _propose_map(
+    log: Path, model: Path, preset: str | None, out: Path, *, as_json: bool
+) -> None:
+    """Write a map that fits a log, as far as can be told.
+
+    Args:
+        log: a file or folder.
+        model: MJCF or URDF.
+        preset: name of one, where the software is known that wrote the log.
+        out: the map.
+        as_json: whether one JSON object is printed.
+    """
     from selfheal.files import write_text
     from selfheal.logs.guessing.guess import guess_map
     from selfheal.logs.guessing.map_text import format_map
+    from selfheal.logs.guessing.presets import read_preset
     from selfheal.logs.open_log import open_log
     from selfheal.recording import load_model
 
-    from ._import import print_guess, summarize_guess
+    from ._import import summarize_guess
 
-    found = guess_map(open_log(log), load_model(model))
-    write_text(out, format_map(found, log.name, model.name))
+    known = None if preset is None else read_preset(preset)
+    found = guess_map(open_log(log), load_model(model), known)
+    text = format_map(found, log.name, model.name)
+    write_text(out, text)
     if as_json:
         print_json(summarize_guess(found, out))
         return
-    print_guess(found)
+    for line in text.splitlines():
+        print_line(line)
+    print_line("")
     print_line(
         f"wrote {out}; look at it, then: selfheal recording import {log} "
         f"--model {model} --map {out} --out recording.h5"
@@ -228,48 +264,61 @@ def _summarize_episode(name: str, episode: "Episode") -> dict[str, Any]:
     }
 
 
+def _list_mended_rules(
+    map_file: Path, found: "Telemetry", recording: "Recording"
+) -> list[dict[str, Any]]:
+    """Rules of a map, and what is to stand in their place."""
+    from selfheal.logs.log_map import read_map
+    from selfheal.logs.map_rules import format_rule
+    from selfheal.telemetry.map_mends import mend_rules
+
+    mended = mend_rules(read_map(map_file), found.faults, recording)
+    return [
+        {"map": str(map_file), "rule": number, "lines": [
+            line for rule in rules for line in (*format_rule(rule), "")]}
+        for number, rules in mended.items()
+    ]  # fmt: skip
+
+
 def _print_tables(summary: dict[str, Any]) -> None:
-    for header, rows in (
-        (("episode", "motion", "samples", "seconds", "missing"), _list_episode_rows),
-        (
-            ("signal", "kind", "unit", "target", "episodes", "missing"),
-            _list_signal_rows,
-        ),
-    ):
-        print_table(header, rows(summary["episodes"]))
+    print_table(
+        ("episode", "motion", "samples", "seconds", "missing"),
+        _list_episode_rows(summary["episodes"]),
+    )
+    for line in _list_signal_lines(summary["episodes"]):
+        print_paragraph(line, "  ")
     _print_telemetry(summary)
-    print_line(_format_verdict(summary))
+    print_paragraph(_format_verdict(summary))
 
 
 def _print_telemetry(summary: dict[str, Any]) -> None:
-    """A row for each fault of the log, and what was not looked at."""
-    faults = summary.get("telemetry", [])
-    if faults:
-        print_table(
-            ("fault", "episodes", "seen", "p", "mend"),
-            (_list_fault_cells(fault, summary) for fault in faults),
-        )
-    elif "telemetry" in summary:
+    """Each fault of the log with its mend, and what was not looked at."""
+    for fault in summary.get("telemetry", []):
+        every = len(fault["episodes"]) == len(summary["episodes"])
+        names = ", ".join(fault["episodes"])
+        episodes = "all episodes" if every else f"episode {names}"
+        print_paragraph(
+            f"{fault['kind']} ({episodes}, p {_format_p_value(fault['p_value'])}): "
+            f"{fault['seen']}", "  ",
+        )  # fmt: skip
+        for line in fault["mend"].splitlines():
+            if not (line.startswith("[[signals]]") and summary.get("mended")):
+                print_paragraph(f"  mend: {line}", "    ")
+    if summary.get("telemetry") == []:
         print_line("telemetry: no fault of the log was found")
+    for mended in summary.get("mended", []):
+        print_paragraph(
+            f"in {mended['map']}, in place of the {mended['rule'] + 1}. [[signals]]:"
+        )
+        for line in mended["lines"]:
+            print_line(f"    {line}".rstrip())
     for reason in summary.get("unchecked", []):
-        print_line(f"not checked: {reason}")
-
-
-def _list_fault_cells(
-    fault: dict[str, Any], summary: dict[str, Any]
-) -> tuple[Any, ...]:
-    """The cells of a fault; the lines that mend it in one."""
-    every = len(fault["episodes"]) == len(summary["episodes"])
-    episodes = "all" if every else ", ".join(fault["episodes"])
-    return (
-        fault["kind"], episodes, fault["seen"], _format_p_value(fault["p_value"]),
-        fault["mend"].splitlines(),
-    )  # fmt: skip
+        print_paragraph(f"not checked: {reason}", "  ")
 
 
 def _format_p_value(value: float) -> str:
     """A p-value; below what a double can hold there is no number."""
-    return f"{value:.0e}" if value else "<1e-300"
+    return f"= {value:.0e}" if value else "< 1e-300"
 
 
 def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
@@ -283,14 +332,22 @@ def _list_episode_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ..
         )
 
 
-def _list_signal_rows(episodes: list[dict[str, Any]]) -> Iterator[tuple[str, ...]]:
-    missing: dict[tuple[str, ...], list[float]] = {}
+def _list_signal_lines(episodes: list[dict[str, Any]]) -> Iterator[str]:
+    """A line for the signals of each kind that are alike."""
+    missing: dict[tuple[str, str, str], list[float]] = {}
     for episode in episodes:
         for signal in episode["signals"]:
-            what = tuple(signal[key] for key in ("name", "kind", "unit", "target"))
+            what = signal["kind"], signal["unit"], signal["name"]
             missing.setdefault(what, []).append(signal["missing"])
-    for what, shares in missing.items():
-        yield (*what, str(len(shares)), _format_share(shares))
+    alike: dict[tuple[str, str, int, str], list[str]] = {}
+    for (kind, unit, name), shares in missing.items():
+        key = kind, unit, len(shares), _format_share(shares)
+        alike.setdefault(key, []).append(name)
+    for (kind, unit, count, share), names in alike.items():
+        yield (
+            f"{kind} [{unit}] in {count} episode{'s' * (count > 1)}, {share} missing: "
+            f"{', '.join(names)}"
+        )
 
 
 def _format_share(shares: list[float]) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,15 +19,15 @@ from .resolve import Channel, name_signals
 from .spool import Spool
 from .timeline import (
     TIME_RESOLUTION,
+    FoundRows,
     Indices,
     Span,
     StreamTime,
     clip_times,
-    find_rows,
+    find_in_block,
     merge_times,
     read_clock,
     read_labels,
-    shorten_rows,
     split_episodes,
     take_rows,
 )
@@ -295,11 +296,14 @@ class Converter:
         for start in range(0, base.size, _BLOCK):
             time = base[start : start + _BLOCK]
             found = {
-                key: _find_in_block(span.rows[key[0]], clock, time)
+                key: find_in_block(span.rows[key[0]], clock, time)
                 for key, clock in clocks.items()
             }
             blocks = [self._read_block(c, found, time.size) for c in self.channels]
             self.told |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
+            if any(channel.missing is not None for channel in self.channels):
+                kept = _find_read(self.channels, blocks)
+                time, blocks = time[kept], [block[kept] for block in blocks]
             ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
                 np.empty((time.size, 0))])  # fmt: skip
             held = _hold(ctrl, held)
@@ -318,7 +322,7 @@ class Converter:
     def _read_block(
         self,
         channel: Channel,
-        found: Mapping[tuple[str, float], "_Found"],
+        found: Mapping[tuple[str, float], FoundRows],
         size: int,
     ) -> Floats:
         """Values (T, d) of a channel in a block; NaN where it has none.
@@ -333,43 +337,27 @@ class Converter:
             values[:] = channel.offset
             return values
         rows = found[channel.stream, channel.delay]
-        for k, column in enumerate(channel.columns):
+
+        def read(column: str) -> Floats:
             piece = self.spool.read(channel.stream, column, rows.first, rows.end)
-            values[rows.place, k] = piece[rows.chosen]
+            return piece[rows.chosen]
+
+        for k, column in enumerate(channel.columns):
+            values[rows.place, k] = read(column)
         values[rows.place] = channel.convert(values[rows.place])
+        if channel.missing is not None:
+            absent = [read(column) == channel.missing for column in channel.beside]
+            places = np.arange(size)[rows.place]
+            values[places[np.all(absent, axis=0)]] = np.nan
         return values
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Rows of a stream that a block of a time base holds.
-
-    Attributes:
-        first: of the stream's rows around them.
-        end: row behind the last of those.
-        chosen: (M) which of those they are.
-        place: (M) their rows in the block.
-    """
-
-    first: int
-    end: int
-    chosen: Indices | slice
-    place: Indices | slice
-
-
-def _find_in_block(rows: Indices, clock: Floats, time: Floats) -> _Found:
-    """Rows of a stream that a block of a time base holds.
-
-    Args:
-        rows: (n) of an episode.
-        clock: (n) [s] their times.
-        time: (T) [s] of the block.
-    """
-    low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
-    place, near = find_rows(time, clock[low:high])
-    found = rows[low:high][near]
-    first, end = (int(found.min()), int(found.max()) + 1) if found.size else (0, 0)
-    return _Found(first, end, shorten_rows(found - first), shorten_rows(place))
+def _find_read(channels: Sequence[Channel], blocks: Sequence[Floats]) -> NDArray[Any]:
+    """Rows (T) in which something was read: blocks (T, d) of channels."""
+    read = [np.isfinite(block).any(axis=1)
+            for channel, block in zip(channels, blocks, strict=True)
+            if channel.columns]  # fmt: skip
+    return np.any(read, axis=0)
 
 
 def _is_vector(channel: Channel) -> bool:

@@ -90,9 +90,12 @@ class ColumnRule:
         scale: of all columns or of each: N m per ampere, say.
         offset: in the model's unit, of all columns or of each.
         from_range: two values of a column, such as 0 and 100 %, ...
-        to_range: ... and the values in the model's unit which they stand for.
+        to_range: ... and the values in the model's unit which they stand for; without,
+            the ends of the joint's range in the model.
         order: of a quaternion: "wxyz" or "xyzw".
         delay: [s] by which the columns are late.
+        missing: number of a column that stands for no reading: a row in which all
+            columns of the rule hold it has none of them.
     """
 
     kind: str
@@ -106,6 +109,7 @@ class ColumnRule:
     to_range: tuple[_Number, _Number] | None = None
     order: str = "wxyz"
     delay: _Number = 0.0
+    missing: _Number | None = None
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -17,6 +17,10 @@ _MAX_LAG = 0.5  # [s] of a position behind its command; chosen
 # of which all are tried; chosen: a robot's motion changes little in 30 ms
 _LAG_STEP, _COARSE = 0.01, 3
 _LARGEST = 1e40  # of a value that is no damage; chosen: the product of six is finite
+# steps between rows that are read, all but a hundredth of which are smaller, by which
+# a row of zeros jumps away from both its neighbors; chosen: no motion comes back so
+_JUMP, _QUANTILE = 5.0, 0.99
+_STEPS = 8  # of an encoder that tell how large they are; chosen
 _GRID = 4000  # points at which columns of different clocks are compared; chosen
 
 
@@ -185,3 +189,47 @@ def list_moving(samples: Mapping[str, Sample]) -> set[tuple[str, str]]:
         for name, values in sample.columns.items()
         if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values)
     }
+
+
+def find_zero_rows(values: Floats) -> NDArray[np.bool_]:
+    """Rows of zeros among readings: of a second publisher, or of a bus that was lost.
+
+    There all columns are 0 at once, and jump there and back as no motion does.
+
+    Args:
+        values: (n, d) positions of one kind, NaN where nothing was read.
+
+    Returns:
+        (n) whether a row is such a one; none is where rows of zeros are a motion.
+    """
+    read = np.flatnonzero(np.isfinite(values).all(axis=1))
+    is_zero = (values[read] == 0).all(axis=1)
+    found, rows = np.zeros(len(values), bool), values[read[~is_zero]]
+    if not is_zero.any() or len(rows) < 8:
+        return found
+    usual = np.quantile(np.abs(np.diff(rows, axis=0)), _QUANTILE, axis=0)
+    is_far = np.abs(rows) > _JUMP * usual + 1e-12
+    before = np.cumsum(~is_zero)[is_zero] - 1  # the row that was read before each
+    sides = [is_far[np.clip(k, 0, len(rows) - 1)] for k in (before, before + 1)]
+    jumps = (sides[0] & sides[1]).any(axis=1)
+    if jumps.mean() > 0.5:
+        found[read[is_zero]] = True
+    return found
+
+
+def find_step(values: Floats) -> float:
+    """The step of an encoder in a column; 0 where it has none, or one of rounding."""
+    levels = np.unique(np.round(values[np.isfinite(values)], 5))
+    steps = np.diff(levels[1:-1])  # the ends may be where a column is clipped
+    if steps.size < _STEPS:
+        return 0.0
+    step = float(steps.min())
+    whole = steps[steps < 20 * step] / step
+    if (
+        step < 1e-3
+        or whole.size < _STEPS
+        or np.abs(whole - np.round(whole)).max() > 0.1
+    ):
+        return 0.0
+    is_rounding = abs(np.log10(step) - round(np.log10(step))) < 1e-3
+    return 0.0 if is_rounding else float(np.mean(steps / np.round(steps / step)))

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ class Channel:
         factor: (d) from a column's number to the recording's unit.
         offset: (d) [unit] added to that.
         delay: [s] by which the columns are late.
+        missing: what stands for no reading where all of `beside` hold it; None where
+            nothing does.
+        beside: the columns of the rule.
         assumed: whether nothing states the unit of the columns: map, log or scale.
     """
 
@@ -41,6 +44,8 @@ class Channel:
     factor: Floats
     offset: Floats
     delay: float = 0.0
+    missing: float | None = None
+    beside: tuple[str, ...] = ()
     assumed: bool = False
 
     def convert(self, values: Floats) -> Floats:
@@ -114,9 +119,10 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
     for target, width in zip(targets, widths, strict=True):
         part = slice(start, start + width)
         start += width
-        yield _make_channel(
+        made = _make_channel(
             rule, target, names, stream, columns[part], factors[part], offsets[part]
         )
+        yield replace(made, missing=rule.missing, beside=tuple(columns))
 
 
 def _make_channel(
@@ -133,7 +139,8 @@ def _make_channel(
     stated = rule.unit or _find_common_unit(stream, columns)
     unit, assumed = fits[0] if fits else stated, False
     if rule.from_range or rule.to_range:
-        factor, offset = _map_range(rule, factor, offset)
+        ends = rule.to_range or _find_range(rule.kind, target, names)
+        factor, offset = _map_range(rule, ends, factor, offset)
     elif stated:
         known = get_unit(stated)
         if fits and known.si not in fits:
@@ -150,7 +157,7 @@ def _make_channel(
         columns = _order_quaternion(rule.order, columns)
     return Channel(
         rule.kind, target, unit, stream.name if stream else "", tuple(columns),
-        factor, offset, rule.delay, assumed,
+        factor, offset, rule.delay, assumed=assumed,
     )  # fmt: skip
 
 
@@ -229,15 +236,44 @@ def _find_common_unit(stream: Stream | None, columns: Sequence[str]) -> str:
     return stated if find_unit(stated) else ""
 
 
+def _find_range(
+    kind: str, target: str, names: ModelNames
+) -> tuple[float, float] | None:
+    """Limits of a target's joint in the model [rad or m]; None where it has none.
+
+    Args:
+        kind: of the signal, or "command".
+        target: its name.
+        names: of the model.
+    """
+    if kind == COMMAND:
+        kind, target = (
+            "joint_torque", names.controls[names.commands.index(target)].actuator
+        )  # fmt: skip
+    known = names.targets[KINDS[kind].target].get(target)
+    return known.range if known else None
+
+
 def _map_range(
-    rule: ColumnRule, factor: Floats, offset: Floats
+    rule: ColumnRule, ends: tuple[float, float] | None, factor: Floats, offset: Floats
 ) -> tuple[Floats, Floats]:
-    """Factor (d) and offset (d) of a range of the log and one of the model."""
-    if not rule.from_range or not rule.to_range:
-        raise InputError("from_range and to_range need each other")
+    """Factor (d) and offset (d) of a range of the log and one of the model.
+
+    Args:
+        rule: that states the range of the log.
+        ends: of the range in the model [its unit].
+        factor: (d) signs and scales.
+        offset: (d) [the model's unit].
+    """
+    if not rule.from_range:
+        raise InputError("to_range needs from_range")
+    if ends is None:
+        raise InputError(
+            "from_range needs to_range, for the model states no range of it"
+        )
     if rule.unit:
         raise InputError("from_range and to_range leave nothing to convert by a unit")
-    (low, high), (bottom, top) = rule.from_range, rule.to_range
+    (low, high), (bottom, top) = rule.from_range, ends
     if low == high:
         raise InputError("from_range must have two values that differ")
     slope = (top - bottom) / (high - low)

@@ -272,3 +272,35 @@ def find_rows(base: Floats, time: Floats) -> tuple[Indices, Indices]:
     near[inside] = np.abs(base[place[inside]] - time[inside]) <= TIME_RESOLUTION
     rows = np.flatnonzero(near)
     return place[rows], rows
+
+
+@dataclass(frozen=True)
+class FoundRows:
+    """Rows of a stream that a block of a time base holds.
+
+    Attributes:
+        first: of the stream's rows around them.
+        end: row behind the last of those.
+        chosen: (M) which of those they are.
+        place: (M) their rows in the block.
+    """
+
+    first: int
+    end: int
+    chosen: Indices | slice
+    place: Indices | slice
+
+
+def find_in_block(rows: Indices, clock: Floats, time: Floats) -> FoundRows:
+    """Rows of a stream that a block of a time base holds.
+
+    Args:
+        rows: (n) of an episode.
+        clock: (n) [s] their times.
+        time: (T) [s] of the block.
+    """
+    low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
+    place, near = find_rows(time, clock[low:high])
+    found = rows[low:high][near]
+    first, end = (int(found.min()), int(found.max()) + 1) if found.size else (0, 0)
+    return FoundRows(first, end, shorten_rows(found - first), shorten_rows(place))

@@ -22,10 +22,12 @@ class Target:
     Attributes:
         units: of its signals, by kind; a kind that is not in it is not known.
         width: columns of its signal, 0 for a plain (T) one; None: the kind decides.
+        range: of a joint, or of an actuator's joint [rad or m]; None where it has none.
     """
 
     units: Mapping[str, str]
     width: int | None = None
+    range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

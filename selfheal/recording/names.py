@@ -107,12 +107,15 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
     """
     targets = {
         "joint": {
-            model.joint(j).name: Target(units)
+            model.joint(j).name: Target(units, range=_get_range(model, j))
             for j in range(model.njnt)
             if (units := _find_joint_units(model, j))
         },
         "actuator": {
-            model.actuator(a).name: Target(_find_force_units(model, a))
+            model.actuator(a).name: Target(
+                _find_force_units(model, a),
+                range=_get_range(model, find_joint(model, a)),
+            )
             for a in range(model.nactuator)
         },
         "body": {model.body(b).name: Target({}) for b in range(model.nbody)},
@@ -126,6 +129,14 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
         things.pop("", None)
     unnamed = model.nactuator - len(targets["actuator"])
     return ModelNames(targets, list_controls(model), unnamed, model.nq, model.nv)
+
+
+def _get_range(model: "mujoco.MjModel", joint: int) -> tuple[float, float] | None:
+    """Limits of a joint [rad or m]; None where it has none, or there is no joint."""
+    if joint < 0 or not model.jnt_limited[joint]:
+        return None
+    low, high = (float(x) for x in model.jnt_range[joint])
+    return low, high
 
 
 def _find_joint_units(model: "mujoco.MjModel", joint: int) -> dict[str, str]:

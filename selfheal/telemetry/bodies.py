@@ -13,8 +13,16 @@ from ..recording import Recording
 from ..recording.data import Floats
 from .balance import TorqueBalance
 from .fault import Fault, format_columns, write_mend
-from .pairs import MIN_ROWS, Relation, correlation_p_value, name_unit, relate
+from .pairs import (
+    DEPENDENT_ROWS,
+    MIN_ROWS,
+    Relation,
+    correlation_p_value,
+    name_unit,
+    relate,
+)
 from .rollouts import Rollouts, name_groups
+from .sensor_frames import find_turned
 from .series import Series
 from .states import IDENTITY, X_Y_Z_W, Mend, spin
 
@@ -26,7 +34,6 @@ MAX_ROWS = 600  # that are evaluated; chosen: some tens of milliseconds
 # and below which they agree, and ratio of the two; chosen
 DIFFERS, AGREES, FAR_BETTER = 0.3, 0.15, 0.25
 SINKS = 0.03  # of a body's size, to which one that is read rightly sinks; chosen
-DEPENDENT_ROWS = 10.0  # from one independent row to the next; chosen: a tenth of a s
 BASES = {
     "order": "F test of the squared errors in both orders, a tenth of the rows counted",
     "columns": "correlation, Fisher's z, a tenth of the rows counted",
@@ -302,21 +309,27 @@ class BodyCheck:
         if len(rows) < MIN_ROWS:
             return []
         readings, _, places = self._predict(rows)
-        found: list[Fault] = []
+        expected, targets = dict[str, Floats](), dict[str, str]()
+        sensors = dict[str, str]()
         for (kind, target), name in self.signals.items():
             if kind == "sensor":
                 s = self.model.sensor(target)
                 if mujoco.mjtSensor(s.type[0]).name[7:] not in KINEMATIC:
                     continue
-                a = int(s.adr[0])
-                expected = readings[:, a : a + int(s.dim[0])]
+                a, sensors[name] = int(s.adr[0]), target
+                values = readings[:, a : a + int(s.dim[0])]
             elif kind == "body_position" and not self._is_base(target):
-                expected = places[self.model.body(target).id]
+                values = places[self.model.body(target).id]
             else:
                 continue
-            whole = np.full((len(self.series.episode), expected.shape[1]), np.nan)
-            whole[rows] = expected
-            found += self._compare(name, target, whole, "what the positions give")
+            whole = np.full((len(self.series.episode), values.shape[1]), np.nan)
+            whole[rows] = values
+            expected[name], targets[name] = whole, target
+        found = find_turned(self.model, self.series, sensors, expected)
+        for name, whole in expected.items():
+            found += self._compare(
+                name, targets[name], whole, "what the positions give"
+            )
         return found
 
     def _is_base(self, body: str) -> bool:

@@ -6,18 +6,20 @@ from typing import TYPE_CHECKING
 
 from ..recording import Recording, reorder_commands
 from .bodies import BodyCheck
-from .columns import find_held
 from .fault import KINDS, Fault
 from .joint_faults import JointCheck
 from .joints import list_joints
 from .odd import find_odd
 from .ranges import find_beyond
+from .raw.columns import find_held
+from .raw.common_unit import find_common_unit
+from .raw.stale import find_stale
+from .raw.timing import find_time_faults
+from .raw.zero_rows import find_zeros
 from .rollouts import Rollouts
 from .series import build_series
 from .setup import find_missing_actuators, find_setup_faults
-from .stale import find_stale
 from .states import X_Y_Z_W, Mend
-from .timing import find_time_faults
 from .torques import find_torque_faults
 
 if TYPE_CHECKING:
@@ -50,10 +52,14 @@ def examine_telemetry(recording: Recording, model: "mujoco.MjModel") -> Telemetr
     recording, unchecked = _drop_ambiguous(recording)
     episodes = {k: reorder_commands(e, model) for k, e in recording.episodes.items()}
     recording = replace(recording, episodes=episodes)
+    zeros, recording = find_zeros(recording)
     joints = list_joints(recording, model)
+    units, recording = find_common_unit(recording, joints)
     commands = {column: j.commands for j in joints for column in j.columns}
     goals = {column: j.servo.command for j in joints if j.servo for column in j.columns}
     faults = [
+        *zeros,
+        *units,
         *find_time_faults(recording),
         *find_held(recording, commands),
         *find_stale(recording, goals),

@@ -18,8 +18,10 @@ KINDS: Mapping[str, bool] = {
     "unit": True,
     "exchange": True,
     "frozen": True,
+    "zeros": True,
     "derivative": True,
     "quaternion_order": True,
+    "sensor_frame": True,
     "actuator_type": True,
     "no_actuator": True,
     "free_base": True,
@@ -129,7 +131,7 @@ def write_mend(table: str, name: str, key: str, value: float | str | bool) -> st
         table: "signals" or "ctrl".
         name: of the signal or the actuator.
         key: what is changed: "sign", "scale", "delay", "order", "columns", "targets",
-            "skip", or "repeats".
+            "skip", "repeats", or "missing".
         value: to what; a list is a text.
     """
     rule = "[[signals]]" if table == "signals" else '[[signals]] kind = "command",'

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording import Recording
+from .aborted import find_aborted
 from .balance import TorqueBalance
 from .disagreements import (
     MAX_COMMAND_LAG,
@@ -89,7 +90,11 @@ class JointCheck:
             for what, pair, found in told
             for fault in find_odd_columns(pair, found, self.joints, series, what)
         ]
-        self.odd = self.odd or find_odd_zeros(pairs[1], self.joints, series)
+        self.odd = (
+            find_aborted(pairs[1], self.joints, series)
+            or self.odd
+            or find_odd_zeros(pairs[1], self.joints, series)
+        )
         self.mend = Mend()
 
     def _pair_velocities(self, recording: Recording) -> Comparison:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ..recording.data import Floats
 
 MIN_ROWS = 40  # of a comparison; chosen: 0.4 s of motion, some periods of its noise
+DEPENDENT_ROWS = 10.0  # from one independent row to the next; chosen: a tenth of a s
 # squared correlation above which two columns tell the same, and below which they do
 # not; chosen: what is left between is not judged
 SAME, DIFFERENT = 0.8, 0.4

@@ -137,3 +137,34 @@ def test_a_full_disk_behind_stdout_is_one_message(file, json_option):
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert done.stderr == "selfheal: cannot write: No space left on device\n"
+
+
+def test_a_map_is_told_the_rules_that_mend_it(tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text(
+        '<mujoco><worldbody><body><joint name="a" range="-90 90" limited="true"/>'
+        '<geom size=".1"/><body><joint name="b" range="-90 90" limited="true"/>'
+        '<geom size=".1"/></body></body></worldbody></mujoco>'
+    )
+    time = np.arange(200) / 50
+    signals = {
+        f"{name}_position": Signal(80 * np.sin(rate * time), "joint_position", name,
+                                   "rad")
+        for name, rate in (("a", 1.0), ("b", 1.7))
+    }  # fmt: skip
+    write(
+        Recording({"0": Episode(time, np.empty((200, 0)), (), signals)}),
+        tmp_path / "r.h5",
+    )
+    map_file = tmp_path / "map.toml"
+    map_file.write_text(
+        '[[signals]]\nkind = "joint_position"\ncolumns = "q_*"\nunit = "rad"\n'
+    )
+    words = "recording", "check", tmp_path / "r.h5", "--model", model
+    ended = _run(*words, "--map", map_file)
+    assert "map.toml, in place of the 1. [[signals]]:" in " ".join(ended.stdout.split())
+    assert "scale = 0.0174533" in ended.stdout
+    assert (
+        max(map(len, ended.stdout.splitlines())) <= 80 or str(tmp_path) in ended.stdout
+    )
+    assert _run(*words[:3], "--map", map_file).exit_code == 2

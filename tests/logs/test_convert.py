@@ -243,7 +243,7 @@ def test_a_command_may_be_a_constant(tmp_path):
         (COMMANDS + POSITION + "unit = 'yd'", "unknown unit 'yd'"),
         (COMMANDS + POSITION + "sign = 2", "sign must be 1 or -1"),
         (COMMANDS + POSITION + POSITION, "'hip' has columns already"),
-        (COMMANDS + POSITION + "from_range = [0, 1]", "need each other"),
+        (COMMANDS + POSITION + "from_range = [0, 1]", "needs to_range"),
         (f'[time]\ncolumn = "z"\n{COMMANDS}', "no column 'z' for the time"),
         (f"[time]\nrate = 9\nstart = 99\n{COMMANDS}", "no row is left to import"),
     ],

@@ -49,10 +49,13 @@ class Fields:
         if [name for name, _ in fields] == ["sec", "nanosec"]:
             self._times.append(path.removesuffix("."))
             return
-        for name, found in fields:
-            is_text = found[0] == nodes.SEQUENCE and found[1][0][1][0] == "string"
-            if is_text and (name in ("name", "names") or name.endswith("_names")):
-                names = path + _make_attribute(name)
+        stated = [
+            name for name, found in fields
+            if found[0] == nodes.SEQUENCE and found[1][0][1][0] == "string"
+            and (name in ("name", "names") or name.endswith("_names"))
+        ]  # fmt: skip
+        if stated:  # the first: others are of joints of several degrees of freedom
+            names = path + _make_attribute(stated[0])
         for name, found in fields:
             place = path + _make_attribute(name)
             if found[0] == nodes.BASE:

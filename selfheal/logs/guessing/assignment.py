@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base import Stream
+from ..log_map import ColumnRule
 from ..model_facts import Place
 from ..motion import Sample
-from .column_names import FILLERS, NameFacts, find_stem, score_kinds, score_names
+from .column_names import (
+    DIFFERENCES,
+    FILLERS,
+    NameFacts,
+    find_stem,
+    score_kinds,
+    score_names,
+)
 from .column_names import read_name as read_column_name
 
 Floats = NDArray[np.float64]
@@ -31,6 +39,9 @@ class Column:
         facts: what its name says.
         values: (n) those of the sample.
         time: (n) [s].
+        rule: what a preset states of it, or its motion; None where its name has to
+            tell.
+        told: by how much the rule is ahead of what the name says.
     """
 
     stream: str
@@ -38,6 +49,8 @@ class Column:
     facts: NameFacts
     values: Floats
     time: Floats
+    rule: ColumnRule | None = None
+    told: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -115,16 +128,22 @@ def group_scalars(
     """
     own = {word for place in places for name in (place.name, *place.aliases)
            for word in read_column_name("", name).own} - FILLERS  # fmt: skip
-    groups = dict[tuple[str, tuple[str, ...]], list[Column]]()
+    groups = dict[tuple[str, int, tuple[str, ...]], list[Column]]()
     for column in columns:
+        if DIFFERENCES & {*column.facts.own}:
+            continue
         stem = tuple(
             word for word in column.facts.own
             if not word.isdigit() and word not in own
             and (len(word) > 1 or word in FILLERS)
         )  # fmt: skip
-        groups.setdefault((column.stream, stem), []).append(column)
+        key = column.stream, id(column.rule), () if column.rule else stem
+        groups.setdefault(key, []).append(column)
     found = []
     for members in groups.values():
+        if rule := members[0].rule:
+            found.append((rule.kind, members[0].told, members))
+            continue
         scores = [score_kinds(column.facts) for column in members]
         mean = {kind: float(np.mean([s[kind] for s in scores])) for kind in scores[0]}
         first, second = sorted(mean, key=lambda k: -mean[k])[:2]

@@ -20,6 +20,7 @@ _EPISODE_WORDS = {"episode", "run", "trial", "traj", "trajectory", "rollout", "d
 _SHORTEST, _LONGEST = 2e-4, 0.5
 _GAP = 20  # times the median step, and above a second: another episode; chosen
 _LEAST_GAP = 1.0
+_FEWEST = 20  # rows that show a clock; chosen
 
 
 @dataclass
@@ -91,9 +92,29 @@ def _guess_clock(stream: Stream, sample: Sample) -> tuple[Clock, float, str]:
             best = sure, Clock(name, unit), why
     if best is not None:
         return best[1], best[0], best[2]
+    if stream.period is None and (found := _find_clock_by_content(stream, sample)):
+        return found
     if stream.period is not None:
         return Clock(), 0.95, f"the log states {1 / stream.period:.4g} Hz"
     return Clock(rate=100.0), 0.0, "the log has no time: write its rate in Hz"
+
+
+def _find_clock_by_content(
+    stream: Stream, sample: Sample
+) -> tuple[Clock, float, str] | None:
+    """The first column that increases as a clock does; None where there is none."""
+    for name in stream.columns:
+        values = sample.columns.get(name)
+        if values is None or values.size < _FEWEST or not _is_increasing(values):
+            continue
+        steps = np.diff(values)
+        unit, sure = _guess_time_unit("", values)
+        step = _measure_step(values)
+        is_even = np.std(steps[steps > 0]) < step
+        if is_even and sure > 0.5 and not (steps[steps > 0] == 1).all():
+            why = f"only column {name!r} increases evenly, by {step:.4g}"
+            return Clock(name, unit), 0.7 * sure, why
+    return None
 
 
 def _measure_step(values: np.ndarray) -> float:

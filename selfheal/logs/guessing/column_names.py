@@ -12,7 +12,7 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
     "joint_position": (
         "position", "positions", "pos", "qpos", "q", "angle", "angles", "theta",
         "state", "dof", "encoder", "enc", "sensor", "measured", "actual", "present",
-        "joint", "joints", "data",
+        "joint", "joints", "data", "feedback",
     ),
     "joint_velocity": (
         "velocity", "velocities", "vel", "qvel", "dq", "qd", "speed", "omega",
@@ -27,7 +27,7 @@ _WORDS: Mapping[str, tuple[str, ...]] = {
     "command": (
         "command", "commands", "cmd", "action", "actions", "target", "targets", "goal",
         "des", "desired", "ref", "reference", "setpoint", "ctrl", "control", "u",
-        "commanded", "demand", "sp", "input",
+        "commanded", "demand", "sp", "input", "output", "points",
     ),
 }  # fmt: skip
 # more that a word is worth where it leaves little doubt; chosen
@@ -35,7 +35,10 @@ _WEIGHTS = {"state": 0.3, "dof": 0.3, "actual": 0.3, "measured": 0.3, "present":
             "velocities": 1.4, "torques": 1.4, "efforts": 1.4,
             "joint": 0.2, "joints": 0.2, "data": 0.1,
             "sensor": 0.3, "input": 0.5, "force": 0.7, "current": 0.9, "load": 0.9,
-            "u": 0.8, "q": 0.9, "reference": 0.9, "command": 2.0, "commands": 2.0,
+            "u": 0.8, "q": 0.9, "feedback": 0.3,
+            # of ros2_control, the nearer to the drive the more
+            "output": 1.3, "reference": 1.2, "points": 1.1,
+            "command": 2.0, "commands": 2.0,
             "cmd": 2.0, "action": 2.0, "actions": 2.0, "target": 1.6, "targets": 1.6,
             "goal": 2.0, "des": 2.0, "desired": 2.0, "setpoint": 2.0, "ctrl": 2.0,
             "commanded": 2.0, "effort": 1.4, "velocity": 1.4,
@@ -45,6 +48,8 @@ FILLERS = frozenset(
     word for words in _WORDS.values() for word in words
 ) | {"motor", "servo", "act", "actuator", "link", "axis", "observation", "main",
      "rad", "deg", "header", "stamp", "x", "y", "z", "w"}  # fmt: skip
+# of a column that is computed from a command and its reading
+DIFFERENCES = frozenset({"error", "errors", "err"})
 _SHARED = 0.8  # what a shared name says beside an own one; chosen
 _SPLIT = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 _TRAILING_UNIT = re.compile(r"[ _]*[(\[]([^)\]]*)[)\]]\s*$")

@@ -1,6 +1,5 @@
 """Units and signs of matched columns together: matches in; conversions out."""
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -12,8 +11,11 @@ from ..motion import Relation, compare_command, compare_speed
 from ..units import find_unit
 from .assignment import Column, Match
 from .unit_guesses import (
+    OTHER_UNIT,
+    STRONG,
     UnitGuess,
     find_flipped,
+    find_limits,
     guess_command_unit,
     guess_position_units,
     guess_speed_unit,
@@ -54,12 +56,16 @@ def guess_conversions(
         relations: of the columns.
     """
     found = dict[int, UnitGuess]()
-    for kind, unit in itertools.product(("joint_position", COMMAND), ("rad", "m")):
-        members = [k for k, m in enumerate(matches)
-                   if m.place.kind == kind and m.place.unit == unit]  # fmt: skip
-        if members:
-            guessed = guess_position_units([matches[k] for k in members])
-            found |= dict(zip(members, guessed, strict=True))
+    ranges = {m.place.joint: (m.place.low, m.place.high) for m in matches
+              if m.place.kind == "joint_position"
+              and np.isfinite(m.place.high - m.place.low)}  # fmt: skip
+    groups = _group_alike(matches, relations)
+    for members in groups:
+        guessed = guess_position_units([matches[k] for k in members], ranges)
+        found |= dict(zip(members, guessed, strict=True))
+    told = {k: unit for k, m in enumerate(matches)
+            if (unit := _take_rule(m, ranges))}  # fmt: skip
+    found |= told
     positions = {m.place.joint: k for k, m in enumerate(matches)
                  if m.place.kind == "joint_position"}  # fmt: skip
     scaled = {
@@ -72,10 +78,14 @@ def guess_conversions(
         place = match.place
         if place.kind == COMMAND and k in scaled:
             better = guess_command_unit(match.column, place, scaled[k])
+            position = positions[place.joint]
             if better is not None:
-                found[k] = better
+                pair = {k, position}
+                is_alike = k in told or any(pair <= {*g} for g in groups)
+                is_sure = found[k].unit == better.unit and found[k].sure > 0.5
+                if not is_alike or is_sure:
+                    found[k] = better
                 if scaled[k].slope < 0:
-                    position = positions[place.joint]
                     found |= _settle_signs(matches, found, position, k)
     for k, match in enumerate(matches):
         if match.place.unit.endswith("/s"):
@@ -86,6 +96,33 @@ def guess_conversions(
         elif k not in found:
             found[k] = _take_stated_unit(match)
     return [found[k] for k in range(len(matches))]
+
+
+def _group_alike(matches: Sequence[Match], relations: Relations) -> list[list[int]]:
+    """Numbers of positions and of servos' commands that may be taken in one unit.
+
+    A command and its reading are, unless what follows is many times as large.
+    """
+    groups = list[list[int]]()
+    for unit in ("rad", "m"):
+        positions, commands = (
+            [k for k, m in enumerate(matches) if (m.place.kind, m.place.unit) == of]
+            for of in (("joint_position", unit), (COMMAND, unit))
+        )
+        columns = {matches[k].place.joint: matches[k].column for k in positions}
+        slopes = [
+            abs(line.slope)
+            for k in commands
+            if matches[k].place.joint in columns
+            and abs((line := relations.find(
+                matches[k].column, columns[matches[k].place.joint], matches[k].place
+            )).correlation) > STRONG
+        ]  # fmt: skip
+        if slopes and abs(np.log(np.median(slopes))) > np.log(OTHER_UNIT):
+            groups += [positions, commands]
+        else:
+            groups.append(positions + commands)
+    return [members for members in groups if members]
 
 
 def _settle_signs(
@@ -111,6 +148,26 @@ def _settle_signs(
     why = "position and command move against each other, and this one leaves its limits"
     turned = position if flipped == "position" else command
     return {turned: replace(found[turned], sign=-1, sure=0.8, why=why)}
+
+
+def _take_rule(
+    match: Match, ranges: Mapping[int, tuple[float, float]]
+) -> UnitGuess | None:
+    """What a preset states of a column; None where it leaves the unit open.
+
+    Args:
+        match: column and whose it is.
+        ranges: of joints that have limits, by their number.
+    """
+    rule, limits = match.column.rule, find_limits(match.place, ranges)
+    why = "the preset states it"
+    if rule and rule.from_range and limits:
+        return UnitGuess("", 1, (rule.from_range, limits), 0.95, why)
+    if rule and rule.unit:
+        unit = find_unit(rule.unit)
+        if unit and match.place.unit in ("", unit.si):
+            return UnitGuess(rule.unit, 1, None, 0.95, why)
+    return None
 
 
 def _take_stated_unit(match: Match) -> UnitGuess:

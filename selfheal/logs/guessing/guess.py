@@ -11,13 +11,9 @@ import numpy as np
 from ...printable import join_names
 from ...recording import NO_ACTUATORS
 from ..base import Log, Stream
-from ..log_map import COMMAND
+from ..log_map import COMMAND, LogMap
 from ..model_facts import Place, format_servo, group_places, list_places
-from ..motion import (
-    Relation,
-    measure_share_inside,
-    sample_log,
-)
+from ..motion import Relation, find_zero_rows, measure_share_inside, sample_log
 from ..units import get_unit
 from .assignment import (
     Column,
@@ -28,10 +24,10 @@ from .assignment import (
     list_columns,
 )
 from .clocks import TimeGuess, guess_times
+from .content import find_kinds
 from .conversions import Relations, guess_conversions
-from .unit_guesses import (
-    UnitGuess,
-)
+from .presets import apply_preset
+from .unit_guesses import UnitGuess
 from .vectors import match_vectors
 
 if TYPE_CHECKING:
@@ -39,6 +35,7 @@ if TYPE_CHECKING:
 
 # nats that a perfect correlation, and being within limits, speak for a place; chosen
 _FOLLOWS, _INSIDE = 2.0, 1.0
+_MOTION = ("joint_position", "joint_velocity", COMMAND)
 _SCALARS = ("joint_position", "joint_velocity", COMMAND, "joint_torque",
             "supply_voltage", "temperature")  # fmt: skip
 
@@ -55,6 +52,7 @@ class GuessedLine:
         sure: probability that each target's columns are right.
         why: reason of each.
         order: of a quaternion.
+        missing: what stands for no reading, where rows of it were seen.
     """
 
     kind: str
@@ -64,6 +62,7 @@ class GuessedLine:
     sure: list[float]
     why: list[str]
     order: str = "wxyz"
+    missing: float | None = None
 
 
 @dataclass
@@ -76,6 +75,7 @@ class Guess:
         lines: what is taken.
         unused: columns that nothing was found for.
         missing: actuators that no command was found for.
+        unread: joints that no position was found for.
         remarks: what a user should look at, in sentences.
     """
 
@@ -84,10 +84,11 @@ class Guess:
     lines: list[GuessedLine] = field(default_factory=list)
     unused: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
+    unread: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
 
 
-def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
+def guess_map(log: Log, model: "mujoco.MjModel", preset: LogMap | None = None) -> Guess:
     """Propose which columns of a log are which signals of a model.
 
     Columns are matched by their names, their units and how they move. A speed is the
@@ -97,6 +98,7 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     Args:
         log: of the robot.
         model: compiled.
+        preset: what is known of the software that wrote the log.
 
     Raises:
         InputError: the log is damaged.
@@ -106,14 +108,22 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     columns = list_columns(log.streams, samples, found.time.taken)
     places = list_places(model)
     by_kind = group_places(places)
+    if preset is not None:
+        columns = apply_preset(columns, preset)
     vectors = group_vectors(columns)
     several = len(log.streams) > 1
     inside = {id(c) for members in vectors.values() for c in members}
     scalars = [column for column in columns if id(column) not in inside]
+    if all(kind not in _MOTION for kind, _, _ in group_scalars(scalars, places)):
+        scalars = find_kinds(scalars, places)
+    scalars, zeros = _leave_out_zeros(scalars, places)
     relations = Relations()
     matches = _match_scalars(scalars, places, by_kind, relations)
     matches, as_commands = _take_torques_as_commands(matches, by_kind)
-    found.lines = _make_scalar_lines(matches, several, relations)
+    found.lines = [
+        replace(line, missing=0.0 if zeros & {*line.columns} else None)
+        for line in _make_scalar_lines(matches, several, relations)
+    ]
     lines, notes = match_vectors(vectors, by_kind, several)
     found.lines += [GuessedLine(*line) for line in lines]
     found.remarks += notes
@@ -123,6 +133,10 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
     found.missing = [
         p.name for p in by_kind.get(COMMAND, ()) if p.name not in commanded
     ]
+    read = {m.place.joint for m in matches if m.place.kind == "joint_position"}
+    found.unread = [
+        p.name for p in by_kind.get("joint_position", ()) if p.joint not in read
+    ]
     if as_commands:
         found.remarks.append(
             "the log has no commands; the measured efforts are taken for what the "
@@ -130,6 +144,27 @@ def guess_map(log: Log, model: "mujoco.MjModel") -> Guess:
         )
     found.remarks += _list_remarks(found, matches, by_kind, model, relations)
     return found
+
+
+def _leave_out_zeros(
+    columns: Sequence[Column], places: Sequence[Place]
+) -> tuple[list[Column], set[str]]:
+    """Columns without rows of zeros that no sensor has read, and who had some.
+
+    Args:
+        columns: of one number each.
+        places: of the model.
+    """
+    read = dict[int, Column]()
+    for kind, _, members in group_scalars(columns, places):
+        if kind == "joint_position" and len({c.values.size for c in members}) == 1:
+            values = np.stack([c.values for c in members], axis=1)
+            values[find_zero_rows(values)] = np.nan
+            if np.isnan(values).sum() > sum(np.isnan(c.values).sum() for c in members):
+                read |= {id(c): replace(c, values=v)
+                         for c, v in zip(members, values.T, strict=True)}  # fmt: skip
+    names = {name for c in read.values() for name in (qualify(c, True), c.name)}
+    return [read.get(id(c), c) for c in columns], names
 
 
 def qualify(column: Column, several: bool) -> str:
@@ -319,10 +354,8 @@ def _list_remarks(
     empty = [m.column.name for m in matches if not np.isfinite(m.column.values).any()]
     if empty:
         said.append(f"no number is in {join_names(empty)}")
-    absent = [p.name for p in by_kind.get("joint_position", ())
-              if p.joint not in positions]  # fmt: skip
-    if absent:
-        said.append(f"no position was found for {join_names(absent)}")
+    if found.unread:
+        said.append(f"no position was found for {join_names(found.unread)}")
     counts = Counter(
         line.kind for line in found.lines for sure in line.sure if sure < 0.7
     )

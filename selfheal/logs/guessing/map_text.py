@@ -1,17 +1,17 @@
 """A proposed map as TOML: a guess in; text with its reasons as comments out."""
 
-import json
 import os
 import re
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from ..base import Stream
-from ..log_map import Clock
+from ..log_map import COMMAND, Clock, ColumnRule
+from ..map_rules import WIDTH, format_list, format_rule, quote
 from .guess import Guess, GuessedLine
-from .unit_guesses import UnitGuess
 
-_WIDTH = 88  # characters of a line; chosen: as this program's own
+_MANY = 4  # columns that differ in brackets, which are told as one; chosen
 _SURE = 0.7  # below, a comment asks to look; chosen
 
 
@@ -23,21 +23,46 @@ def format_map(guess: Guess, log: str, model: str) -> str:
         log: name of the log.
         model: name of the model.
     """
-    lines = [f"# Proposed for {_quote(log)} and {_quote(model)}: check what is less "
-             "than sure.", "version = 1", ""]  # fmt: skip
+    lines = _comment(
+        f"Proposed for {quote(log)} and {quote(model)}: check what is less than sure."
+    )
+    lines += ["version = 1", ""]
     lines += _format_time(guess)
     for line in guess.lines:
         for part in _split_by_unit(line):
             lines += _format_line(part, guess.streams)
-    if guess.unused:
-        lines += [f"# not used: {_quote(', '.join(guess.unused))[1:-1]}"]
-    lines += [f"# look: {_quote(remark)[1:-1]}" for remark in guess.remarks]
+    lines += _format_open(guess)
+    for remark in guess.remarks:
+        lines += _comment(f"look: {remark}")
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _quote(text: str) -> str:
-    """A TOML basic string; JSON's escapes are TOML's."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+def _format_open(guess: Guess) -> list[str]:
+    """What is left to a user: unused columns, and lines for what has none."""
+    lines = list[str]()
+    for kind, targets in (("joint_position", guess.unread), (COMMAND, guess.missing)):
+        if targets and guess.unused:
+            lines += ["# to be filled in with columns that are not used:"]
+            body = ["[[signals]]", f"kind = {quote(kind)}", "columns = []"]
+            body += [*format_list("targets", targets), 'unit = ""', ""]
+            lines += [f"# {line}".rstrip() for line in body]
+    if guess.unused:
+        lines += _comment(f"not used: {', '.join(_shorten(guess.unused))}")
+    return lines
+
+
+def _shorten(names: Sequence[str]) -> list[str]:
+    """Names, those that differ only in brackets as one: "reference[6 columns]"."""
+    groups = dict[str, list[str]]()
+    for name in names:
+        groups.setdefault(re.sub(r"\[[^\]]*\]$", "", name), []).append(name)
+    return [
+        name
+        for stem, members in groups.items()
+        for name in (
+            members if len(members) < _MANY else [f"{stem}[{len(members)} columns]"]
+        )
+    ]
 
 
 def _format_time(guess: Guess) -> list[str]:
@@ -50,32 +75,32 @@ def _format_time(guess: Guess) -> list[str]:
         lines += ["[time]", *_format_clock(next(iter(special.values())))]
     else:
         for name, clock in special.items():
-            lines += [f"[time.streams.{_quote(name)}]", *_format_clock(clock)]
+            lines += [f"[time.streams.{quote(name)}]", *_format_clock(clock)]
     for name, (sure, why) in guess.time.notes.items():
         stream = f"{name}: " if name else ""
-        lines.append(f"# {_quote(f'{sure:.0%} sure: {stream}{why}')[1:-1]}")
+        lines += _comment(f"{sure:.0%} sure: {stream}{why}")
     rule = guess.time.episodes
     if rule.column or rule.gap:
         lines += ["", "[episodes]"]
         lines.append(
-            f"column = {_quote(rule.column)}" if rule.column else f"gap = {rule.gap}"
+            f"column = {quote(rule.column)}" if rule.column else f"gap = {rule.gap}"
         )
     return [*lines, ""]
 
 
 def _format_clock(clock: Clock) -> Iterator[str]:
     if clock.column:
-        yield f"column = {_quote(clock.column)}"
+        yield f"column = {quote(clock.column)}"
     if clock.unit not in ("", "s"):
-        yield f"unit = {_quote(clock.unit)}"
+        yield f"unit = {quote(clock.unit)}"
     if clock.rate is not None:
         yield f"rate = {clock.rate}"
 
 
 def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
-    """Parts of a line whose columns have one unit and one range each."""
+    """Parts of a line whose columns have one unit, or are shares alike."""
     width = len(line.columns) // len(line.targets)
-    keys = [(unit.unit, unit.ranges) for unit in line.units]
+    keys = [(unit.unit, unit.ranges and unit.ranges[0]) for unit in line.units]
     for key in dict.fromkeys(keys):
         members = [k for k, other in enumerate(keys) if other == key]
         yield replace(
@@ -91,25 +116,21 @@ def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
 
 def _format_line(line: GuessedLine, streams: Sequence[Stream]) -> list[str]:
     """One [[signals]] table, its reasons below."""
-    lines = ["[[signals]]", f"kind = {_quote(line.kind)}"]
     pattern, stars = _find_pattern(line.columns, line.targets, streams)
-    if pattern:
-        lines.append(f"columns = {_quote(pattern)}")
-    else:
-        lines += _format_list("columns", line.columns)
-    if stars != line.targets:
-        lines += _format_list("targets", line.targets)
-    unit = line.units[0]
-    if unit.unit:
-        lines.append(f"unit = {_quote(unit.unit)}")
-    if unit.ranges:
-        for name, ends in zip(("from_range", "to_range"), unit.ranges, strict=True):
-            lines.append(f"{name} = [{ends[0]:.6g}, {ends[1]:.6g}]")
-    signs = [unit.sign for unit in line.units]
-    if -1 in signs:
-        lines.append(f"sign = {signs if len(set(signs)) > 1 else signs[0]}")
-    if line.order != "wxyz":
-        lines.append(f'order = "{line.order}"')
+    unit, signs = line.units[0], [unit.sign for unit in line.units]
+    rule = ColumnRule(
+        line.kind,
+        pattern or line.columns,
+        line.targets if stars != line.targets else [],
+        unit.unit,
+        signs[0] if len(set(signs)) == 1 else signs,
+        from_range=unit.ranges[0] if unit.ranges else None,
+        order=line.order,
+        missing=line.missing,
+    )
+    lines = format_rule(rule)
+    if line.missing is not None:
+        lines.append("# rows of zeros come between: of a second publisher, say")
     return [*lines, *_explain(line), ""]
 
 
@@ -145,42 +166,22 @@ def _find_pattern(
 
 
 def _explain(line: GuessedLine) -> list[str]:
-    """Comments: how sure each target is and why; one where all are alike."""
-    if len(set(zip(map(_round, line.sure), line.why, strict=True))) == 1:
-        return [_comment(line.sure[0], line.why[0])]
-    return [
-        _comment(sure, f"{target}: {why}")
-        for sure, target, why in zip(line.sure, line.targets, line.why, strict=True)
-    ]
+    """Comments: how sure each target is and why; one where the reasons are alike."""
+    groups = dict[tuple[str, bool], list[int]]()
+    for k, (sure, why) in enumerate(zip(line.sure, line.why, strict=True)):
+        groups.setdefault((why, sure < _SURE), []).append(k)
+    said = list[str]()
+    for (why, is_doubtful), members in groups.items():
+        names = ", ".join(line.targets[k] for k in members)
+        mark = " LOOK:" * is_doubtful + f" {names}:" * (len(groups) > 1)
+        said += _comment(f"{min(line.sure[k] for k in members):.0%} sure:{mark} {why}")
+    return said
 
 
-def _round(sure: float) -> str:
-    return f"{sure:.0%}"
-
-
-def _comment(sure: float, why: str) -> str:
-    mark = "" if sure >= _SURE else " LOOK:"
-    return f"# {_round(sure)} sure:{mark} {_quote(why)[1:-1]}"
-
-
-def _format_list(name: str, values: Sequence[str]) -> list[str]:
-    """A key and its list, on several lines where one is too short."""
-    quoted = [_quote(value) for value in values]
-    whole = f"{name} = [{', '.join(quoted)}]"
-    if len(whole) <= _WIDTH:
-        return [whole]
-    lines, row = [f"{name} = ["], ""
-    for value in quoted:
-        if row and len(row) + len(value) > _WIDTH - 6:
-            lines.append(f"    {row.rstrip()}")
-            row = ""
-        row += f"{value}, "
-    return [*lines, f"    {row.rstrip()}", "]"]
-
-
-def describe_unit(unit: UnitGuess) -> str:
-    """How a guess converts a column, for a table."""
-    if unit.ranges:
-        (low, high), (bottom, top) = unit.ranges
-        return f"{low:g}..{high:g} to {bottom:.3g}..{top:.3g}"
-    return f"{'-' if unit.sign < 0 else ''}{unit.unit or 'model'}"
+def _comment(text: str) -> list[str]:
+    """A comment, on as many lines as it needs."""
+    lines = textwrap.wrap(
+        quote(text)[1:-1].replace('\\"', '"'), WIDTH - 2, break_long_words=False,
+        break_on_hyphens=False,
+    )  # fmt: skip
+    return [f"# {line}" for line in lines]

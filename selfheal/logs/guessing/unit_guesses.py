@@ -1,23 +1,30 @@
 """The units of columns that state none: values and limits in; units and signs out."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..model_facts import Place
-from ..motion import Relation, measure_share_inside
+from ..motion import Relation, find_step, measure_share_inside
 from ..units import find_unit
 from .assignment import Column, Match
 
 Floats = NDArray[np.float64]
 _CANDIDATES = {"rad": ("rad", "deg", "turn"), "m": ("m", "mm", "cm")}
 _SPEEDS = {"rad/s": ("rad/s", "deg/s", "rpm", "turn/s"), "m/s": ("m/s", "mm/s")}
+SHARE = "share"  # of a range: the unit of joints from -100 to 100
+_FULL, _WHOLE = 100.0, 100.5  # a whole share [%], and with rounding; LeRobot's
+_LARGE = 4 * math.pi  # that no joint is in radians; chosen: two turns, as of ten meters
+_FEW = 0.8  # share of values within limits, from which degrees are likely; chosen
 _ENOUGH = 0.97  # share of values that a range has to hold; chosen
 _CLOSE = math.log(1.6)  # of a slope to that of a unit; chosen: units are further apart
-_STRONG = 0.8  # correlation from which a slope tells the unit; chosen
+# ratio of a reading to its command from which they have two units; chosen: a weak drive
+# follows by less than a third, units are further apart
+OTHER_UNIT = 5.0
+STRONG = 0.8  # correlation from which a slope tells the unit; chosen
 
 
 @dataclass(frozen=True)
@@ -27,7 +34,7 @@ class UnitGuess:
     Attributes:
         unit: of it; "" where ranges say it.
         sign: 1 or -1.
-        ranges: of the column and of the model, where it is a share of a range.
+        ranges: of the column and of the joint, where it is a share of that.
         sure: probability that it is right.
         why: in a few words.
     """
@@ -38,21 +45,51 @@ class UnitGuess:
     sure: float = 0.5
     why: str = ""
 
+    def convert(self, values: Floats) -> Floats:
+        """Values (n) of the column in the model's unit, but for the sign."""
+        if self.ranges is None:
+            return values * _get_factor(self.unit)
+        (low, high), (bottom, top) = self.ranges
+        return bottom + (values - low) * (top - bottom) / (high - low)
 
-def guess_position_units(matches: Sequence[Match]) -> list[UnitGuess]:
-    """The unit of each column of positions, or of commands of position servos.
+
+def guess_position_units(
+    matches: Sequence[Match], ranges: Mapping[int, tuple[float, float]]
+) -> list[UnitGuess]:
+    """The unit of columns of positions, and of commands of position servos.
 
     Columns of a group have one unit unless the limits of their joints speak against
-    it: the gripper of an arm in degrees may be in percent.
+    it: the gripper of an arm in degrees may be in percent. A command and its reading
+    have one unit.
+
+    Args:
+        matches: columns that may be taken to have one unit.
+        ranges: of joints that have limits, by their number.
     """
-    stated = [_find_stated(m.column, m.place.unit) for m in matches]
-    common = _guess_common_unit(matches)
-    return [
-        UnitGuess(unit, sure=0.99, why="the log states it")
-        if unit
-        else _guess_percent(match.column, match.place, common) or common
-        for unit, match in zip(stated, matches, strict=True)
-    ]
+    si = matches[0].place.unit
+    stated = [_find_stated(m.column, si) for m in matches]
+    if known := set(filter(None, stated)):
+        said = UnitGuess(min(known), sure=0.95, why="the log states it of others")
+        common = said if len(known) == 1 else _guess_common_unit(matches, ranges)
+    else:
+        common = _guess_common_unit(matches, ranges)
+    found = []
+    for unit, match in zip(stated, matches, strict=True):
+        beside = [m.column for m in matches if m.place.joint == match.place.joint
+                  and _overlap(m.column, match.column)]  # fmt: skip
+        found.append(
+            UnitGuess(unit, sure=0.99, why="the log states it")
+            if unit
+            else _guess_share(beside, ranges.get(match.place.joint), common) or common
+        )
+    return found
+
+
+def _overlap(one: Column, other: Column) -> bool:
+    """Whether a command and a reading have values in common, as in one unit."""
+    ends = [(np.nanmin(c.values, initial=np.inf), np.nanmax(c.values, initial=-np.inf))
+            for c in (one, other)]  # fmt: skip
+    return bool(max(low for low, _ in ends) <= min(high for _, high in ends))
 
 
 def _find_stated(column: Column, si: str) -> str:
@@ -61,31 +98,81 @@ def _find_stated(column: Column, si: str) -> str:
     return column.facts.unit if found and found.si == si else ""
 
 
-def _guess_common_unit(matches: Sequence[Match]) -> UnitGuess:
+def _guess_common_unit(
+    matches: Sequence[Match], ranges: Mapping[int, tuple[float, float]]
+) -> UnitGuess:
     """The unit in which most columns are within the limits of their joints."""
     si = matches[0].place.unit
     names = _CANDIDATES.get(si, (si,))
-    limited = [m for m in matches if np.isfinite(m.place.high - m.place.low)]
+    limited = [(m.column.values, limits) for m in matches
+               if (limits := find_limits(m.place, ranges))]  # fmt: skip
     if not limited:
         return _guess_by_size(matches, si)
-    shares = {}
-    for name in names:
-        unit = find_unit(name)
-        factor = unit.factor if unit else 1.0
-        inside = [measure_share_inside(m.column.values * factor, m.place.low,
-                                       m.place.high) for m in limited]  # fmt: skip
-        shares[name] = float(np.mean(inside))
+    inside = {
+        name: float(np.mean([
+            measure_share_inside(values * _get_factor(name), *limits)
+            for values, limits in limited
+        ]))
+        for name in names
+    }  # fmt: skip
     first = names[0]
-    if shares[first] >= _ENOUGH:
+    if inside[first] >= _ENOUGH:
         # degrees of a small motion are within limits in radians, too, but not back
         return UnitGuess(first, sure=0.9, why="within the joints' ranges")
-    best = max(shares, key=lambda name: shares[name])
-    if shares[best] > shares[first] + 0.1:
-        why = (f"in {best} {shares[best]:.0%} of it is within the joints' ranges, in "
-               f"{first} {shares[first]:.0%}")  # fmt: skip
+    best = max(inside, key=lambda name: inside[name])
+    if si == "rad" and (share := _guess_normalized(matches, inside["deg"])):
+        return share
+    if inside[best] > inside[first] + 0.1:
+        why = (f"in {best} {inside[best]:.0%} is within the joints' ranges, in "
+               f"{first} {inside[first]:.0%}")  # fmt: skip
         return UnitGuess(best, sure=0.95, why=why)
-    why = f"{shares[first]:.0%} of it is within the joints' ranges"
+    why = f"{inside[first]:.0%} is within the joints' ranges"
     return UnitGuess(first, sure=0.6, why=why)
+
+
+def find_limits(
+    place: Place, ranges: Mapping[int, tuple[float, float]]
+) -> tuple[float, float] | None:
+    """The limits of a place, or of its joint; None where there are none."""
+    if np.isfinite(place.high - place.low):
+        return place.low, place.high
+    return ranges.get(place.joint)
+
+
+def _guess_normalized(matches: Sequence[Match], in_degrees: float) -> UnitGuess | None:
+    """Whether joints are in shares of their ranges, from -100 to 100, as LeRobot's.
+
+    Both are within limits. Encoders of one kind step alike in degrees, not in shares.
+
+    Args:
+        matches: positions and commands.
+        in_degrees: share of values that are within limits in degrees.
+
+    Returns:
+        None where they are not.
+    """
+    arm = [m.column for m in matches if not _is_gripper(m.column)]
+    values = [c.values[np.isfinite(c.values)] for c in arm]
+    largest = max((np.abs(v).max(initial=0.0) for v in values), default=0.0)
+    usual = any({"observation", "action"} & {*c.facts.tokens} for c in arm)
+    if not _LARGE < largest <= _WHOLE or not (usual or in_degrees < _FEW):
+        return None
+    read = [m.column for m in matches if m.place.kind == "joint_position"]
+    steps = [find_step(c.values) for c in read if not _is_gripper(c)]
+    steps = [step for step in steps if step]
+    alike = len(steps) > 1 and max(steps) < 1.005 * min(steps)
+    said = f"from -100 to 100, and {in_degrees:.0%} within the ranges in degrees"
+    if alike and in_degrees > _FEW:
+        return UnitGuess("deg", sure=0.95, why=f"{said}; all step by {steps[0]:.4g}")
+    if len(steps) > 1 and not alike:
+        said += f"; encoders step by {min(steps):.3g} to {max(steps):.3g}"
+        return UnitGuess(SHARE, sure=0.95, why=said)
+    clipped = any((np.abs(v) == _FULL).any() for v in values)
+    if clipped or in_degrees < _ENOUGH:
+        said += "; clipped at 100" * clipped
+        return UnitGuess(SHARE, sure=0.9, why=said)
+    why = f"{said}: degrees, or shares of each range (--preset lerobot-so101)?"
+    return UnitGuess("deg", sure=0.5, why=why)
 
 
 def _guess_by_size(matches: Sequence[Match], si: str) -> UnitGuess:
@@ -93,29 +180,43 @@ def _guess_by_size(matches: Sequence[Match], si: str) -> UnitGuess:
     values = np.concatenate([m.column.values for m in matches])
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     names = _CANDIDATES.get(si, (si,))
-    # chosen: two turns of a joint; ten meters
-    if len(names) > 1 and largest > (4 * math.pi if si == "rad" else 10.0):
+    if len(names) > 1 and largest > (_LARGE if si == "rad" else 10.0):
         return UnitGuess(names[1], sure=0.8, why=f"up to {largest:.4g}")
     return UnitGuess(names[0], sure=0.7, why=f"up to {largest:.4g}")
 
 
-def _guess_percent(column: Column, place: Place, common: UnitGuess) -> UnitGuess | None:
-    """A column that is a share of its range while the common unit does not fit it."""
-    if not np.isfinite(place.high - place.low):
+def _is_gripper(column: Column) -> bool:
+    return bool({"gripper", "jaw", "finger"} & {*column.facts.own})
+
+
+def _guess_share(
+    columns: Sequence[Column], limits: tuple[float, float] | None, common: UnitGuess
+) -> UnitGuess | None:
+    """How the columns of a joint are shares of its range, where they are.
+
+    Args:
+        columns: its command, its reading, or both.
+        limits: of the joint.
+        common: unit of the columns of all joints.
+    """
+    values = np.concatenate([c.values[np.isfinite(c.values)] for c in columns])
+    if limits is None or not values.size:
         return None
-    values = column.values[np.isfinite(column.values)]
-    unit = find_unit(common.unit)
-    if unit is None or not values.size:
-        return None
-    inside = measure_share_inside(values * unit.factor, place.low, place.high)
     least, most = float(values.min()), float(values.max())
+    within = -105 <= least and most <= 105
+    is_gripper = any(map(_is_gripper, columns)) and least > -5
+    if common.unit == SHARE:
+        low = 0.0 if is_gripper else -_FULL
+        return replace(common, unit="", ranges=((low, _FULL), limits))
+    inside = measure_share_inside(values * _get_factor(common.unit), *limits)
     # a gripper among joints in degrees is in percent, as LeRobot's are
-    is_gripper = common.unit == "deg" and "gripper" in column.facts.own and least > -5
-    if (inside > 0.5 and not is_gripper) or least < -105 or most > 105 or most < 5:
+    is_usual = common.unit == "deg" and is_gripper
+    if (inside > 0.5 and not is_usual) or not within or most < 5:
         return None
-    low = 0.0 if least > -5 else -100.0
+    low = 0.0 if least > -5 else -_FULL
     return UnitGuess(
-        "", 1, ((low, 100.0), (place.low, place.high)), 0.7,
+        "", 1, ((low, _FULL), limits), 0.7,
+        "a gripper in percent of its range, as LeRobot's are" if is_usual else
         f"{least:.3g} to {most:.3g}, and {inside:.0%} within the range in "
         f"{common.unit}: percent?",
     )  # fmt: skip
@@ -134,7 +235,7 @@ def guess_speed_unit(
     """
     names = _SPEEDS.get(place.unit, (place.unit,))
     stated = _find_stated(column, place.unit)
-    if relation is None or abs(relation.correlation) < _STRONG:
+    if relation is None or abs(relation.correlation) < STRONG:
         if stated:
             return UnitGuess(stated, sure=0.95, why="the log states it")
         return UnitGuess(names[0], sure=0.6, why="no position that moves to compare")
@@ -142,8 +243,10 @@ def guess_speed_unit(
                 for name in ((stated,) if stated else names)}  # fmt: skip
     best = min(distance, key=lambda name: distance[name])
     sign = 1 if relation.slope > 0 else -1
-    why = f"the position changes by {relation.slope:.3g} of its integral"
-    sure = 0.97 if distance[best] < _CLOSE else 0.4
+    is_close = distance[best] < _CLOSE
+    why, sure = "the position is its integral", 0.97
+    if not is_close:
+        why, sure = f"the position changes by {relation.slope:.3g} of its integral", 0.4
     return UnitGuess(best, sign, None, sure, why)
 
 
@@ -162,7 +265,7 @@ def guess_command_unit(
         None where no position follows it.
     """
     names = _CANDIDATES.get(place.unit, ())
-    if not names or relation is None or abs(relation.correlation) < _STRONG:
+    if not names or relation is None or abs(relation.correlation) < STRONG:
         return None
     stated = _find_stated(column, place.unit)
     distance = {name: abs(math.log(abs(relation.slope) / _get_factor(name)))
@@ -170,8 +273,9 @@ def guess_command_unit(
     best = min(distance, key=lambda name: distance[name])
     if distance[best] > 2 * _CLOSE:
         return None
-    why = (f"the position follows it {relation.lag * 1000:.0f} ms later by "
-           f"{relation.slope:.3g} {place.unit} for each 1 of it")  # fmt: skip
+    why = "the position follows it"
+    if distance[best] > _CLOSE:
+        why += f" by {relation.slope:.3g} {place.unit} for each 1 of it"
     return UnitGuess(best, 1, None, 0.95, why)
 
 
@@ -191,7 +295,7 @@ def find_flipped(
     """
     gain = dict[str, float]()
     for name, (match, unit) in (("position", position), ("command", command)):
-        place, values = match.place, match.column.values * _get_factor(unit.unit)
+        place, values = match.place, unit.convert(match.column.values)
         limits = place if np.isfinite(place.high - place.low) else position[0].place
         asis, flipped = (measure_share_inside(sign * values, limits.low, limits.high)
                          for sign in (1, -1))  # fmt: skip

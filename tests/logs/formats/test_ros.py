@@ -336,3 +336,14 @@ def test_public_bags_are_read(name, joint, rows):
     found = read_all(log)["/joint_states"]
     assert np.isfinite(found[f"position[{joint}]"]).all()
     assert (np.diff(found[log.streams[0].time]) > 0).all()
+
+
+def test_elements_have_the_first_names_of_a_message(tmp_path):
+    """As of a trajectory controller's state, whose second ones are empty."""
+    text = "string[] joint_names\nfloat64[] reference\nstring[] multi_dof_joint_names\n"
+    found, kind = get_typestore(Stores.ROS2_HUMBLE), "my_msgs/msg/ControllerState"
+    found.register(get_types_from_msg(text, kind))
+    message = found.types[kind](["hip", "knee"], np.array([1.0, 2.0]), [])
+    path = _write(tmp_path / "bag", found, [("/state", kind, message)] * 3)
+    (stream,) = open_log(path).streams
+    assert {"reference[hip]", "reference[knee]"} <= set(stream.columns)

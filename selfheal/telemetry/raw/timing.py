@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..recording import Recording
-from ..recording.data import Episode, Floats
-from .fault import Fault
+from ...recording import Recording
+from ...recording.data import Episode, Floats
+from ..fault import Fault
 
 MIN_SAMPLES = 30  # of an episode; chosen
 # sampling times without a sample that are a gap, and least length of one [s]; chosen
@@ -33,8 +33,8 @@ def find_time_faults(recording: Recording) -> list[Fault]:
         worst = max(cases, key=lambda c: c[1])
         mend = {
             "gap": f"split the episode {worst[0]!r} at the gap",
-            "duplicate": 'time.duplicates = "drop"',
-            "jitter": "time.uniform = true",
+            "duplicate": "leave out the rows that repeat a time",
+            "jitter": "[time] rate = HZ in the map, if the rows were taken evenly",
         }[kind]
         faults.append(
             Fault(

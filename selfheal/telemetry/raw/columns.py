@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..recording import Recording
-from ..recording.data import Floats
-from .fault import Fault, format_columns, write_mend
+from ...recording import Recording
+from ...recording.data import Floats
+from ..fault import Fault, format_columns, write_mend
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15

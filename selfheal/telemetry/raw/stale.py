@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..recording import Recording
-from ..recording.data import Floats
+from ...recording import Recording
+from ...recording.data import Floats
+from ..fault import Fault, format_columns, write_mend
 from .columns import CHECKED
-from .fault import Fault, format_columns, write_mend
 
 MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
 JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two

@@ -1,0 +1,179 @@
+"""Turned sensor boards: predicted and read vectors in, the board's orientation out.
+
+The rotation that is nearest between two sets of vectors is Wahba's problem (Wahba
+1965), which Kabsch's method solves.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..recording.data import Floats
+from .fault import Fault, format_columns
+from .pairs import DEPENDENT_ROWS, MIN_ROWS
+from .series import Series
+
+if TYPE_CHECKING:
+    import mujoco
+
+# of a board that is turned; chosen: glued on by eye. A rotation is known where its
+# standard deviation is as small
+MIN_DEGREES = 5.0
+# share of the mean square that a rotation may leave, and of what is left without it;
+# chosen: as of the other readings of bodies
+MAX_LEFT, FAR_BETTER = 0.15, 0.25
+SITE_SENSORS = ("ACCELEROMETER", "GYRO", "VELOCIMETER")
+BASIS = (
+    "F test of the squared errors as the model has it and turned, a tenth of the rows "
+    "counted"
+)
+
+
+@dataclass(frozen=True)
+class Turn:
+    """How a board is turned against the site that the model has for it.
+
+    Attributes:
+        rotation: of scipy, from the site's frame to the board's: read = R predicted.
+        degrees: of it.
+        axis: (3) about which the board is turned, in the site's frame.
+        rows: that were compared.
+        given, left: mean square of the errors without and with it, over that of the
+            vectors [1].
+        is_square: whether it is one of the 24 that map axes to axes.
+    """
+
+    rotation: Any
+    degrees: float
+    axis: Floats
+    rows: int
+    given: float
+    left: float
+    is_square: bool
+
+
+def find_turned(
+    model: "mujoco.MjModel", series: Series, sensors: Mapping[str, str],
+    expected: dict[str, Floats],
+) -> list[Fault]:  # fmt: skip
+    """Boards that are turned against their sites.
+
+    Args:
+        model: of the robot.
+        series: of the recording.
+        sensors: of the model, by signal.
+        expected: (N, d) what the positions give, by signal; that of boards which are
+            turned is turned, too.
+    """
+    import mujoco
+
+    boards = dict[int, list[str]]()
+    for name, sensor in sensors.items():
+        s = model.sensor(sensor)
+        if mujoco.mjtSensor(s.type[0]).name[7:] in SITE_SENSORS:
+            boards.setdefault(int(s.objid[0]), []).append(name)
+    found = []
+    for site, names in boards.items():
+        turn = find_turn([(expected[n], series.signals[n][:, :, 0]) for n in names])
+        if turn is not None:
+            found.append(_tell(model, series, site, names, turn))
+            expected |= {n: turn.rotation.apply(expected[n]) for n in names}
+    return found
+
+
+def _tell(
+    model: "mujoco.MjModel", series: Series, site: int, names: Sequence[str], turn: Turn
+) -> Fault:
+    """The fault of a board that is turned.
+
+    Args:
+        model: of the robot.
+        series: of the recording.
+        site: its number in the model.
+        names: of its signals.
+        turn: of the board.
+    """
+    from scipy.stats import f
+
+    count, name = turn.rows / DEPENDENT_ROWS, model.site(site).name
+    axis = " ".join(f"{x:.3g}" for x in np.round(turn.axis, 3) + 0.0)
+    return Fault(
+        "sensor_frame", series.episodes, tuple(names), name,
+        f"{format_columns(names)}: the board is turned by {turn.degrees:.3g} degrees "
+        f"about ({axis}) of the model's site {name!r}: so turned they miss what the "
+        f"positions give by {100 * turn.left:.2g} % of its mean square, as the model "
+        f"has it by {100 * turn.given:.2g} %",
+        float(f.sf(turn.given / max(turn.left, 1e-12), count, count)), BASIS,
+        format_site(model, site, turn),
+    )  # fmt: skip
+
+
+def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
+    """The rotation that explains what the sensors of a board read.
+
+    Args:
+        pairs: (n, 3) predicted and (n, 3) read vectors of each sensor, in any unit.
+
+    Returns:
+        None where no rotation explains more than none, or these vectors leave it open.
+    """
+    from scipy.spatial.transform import Rotation
+
+    known = [_normalize(*pair) for pair in pairs]
+    known = [(a, b) for a, b in known if len(a) >= MIN_ROWS]
+    if not known:
+        return None
+    predicted, read = (np.concatenate(part) for part in zip(*known, strict=True))
+    if np.linalg.matrix_rank(predicted.T @ predicted, tol=1e-9 * len(predicted)) < 2:
+        return None
+    found, _, spread = Rotation.align_vectors(read, predicted, return_sensitivity=True)
+    turns = Rotation.create_group("O")
+    near = turns[int(np.argmin((turns * found.inv()).magnitude()))]
+    left = _measure_error(found, predicted, read)
+    # `spread` is the covariance of the rotation, of rows with errors of 1 each
+    variance = np.linalg.eigvalsh(spread)[-1] * left * DEPENDENT_ROWS
+    error = np.rad2deg(np.sqrt(variance))
+    if not error < MIN_DEGREES:
+        return None
+    is_square = bool(np.rad2deg((near * found.inv()).magnitude()) < MIN_DEGREES)
+    chosen = near if is_square else found
+    given, left = (_measure_error(r, predicted, read)
+                   for r in (Rotation.identity(), chosen))  # fmt: skip
+    degrees = float(np.rad2deg(chosen.magnitude()))
+    if degrees < MIN_DEGREES or left > min(MAX_LEFT, FAR_BETTER * given):
+        return None
+    axis = chosen.inv().as_rotvec() / np.deg2rad(degrees)
+    rows = max(len(a) for a, _ in known)
+    return Turn(chosen, degrees, axis, rows, given, left, is_square)
+
+
+def _normalize(predicted: Floats, read: Floats) -> tuple[Floats, Floats]:
+    """Rows that both have, (n, 3) each, of which the mean square is 1."""
+    both = np.isfinite(predicted).all(axis=1) & np.isfinite(read).all(axis=1)
+    sizes = [float(np.sqrt(np.mean((x[both] ** 2).sum(axis=1)))) if both.any() else 0.0
+             for x in (predicted, read)]  # fmt: skip
+    if min(sizes) < 1e-9:
+        return np.empty((0, 3)), np.empty((0, 3))
+    return predicted[both] / sizes[0], read[both] / sizes[1]
+
+
+def _measure_error(rotation: Any, predicted: Floats, read: Floats) -> float:
+    return float(np.mean(((rotation.apply(predicted) - read) ** 2).sum(axis=1)))
+
+
+def format_site(model: "mujoco.MjModel", site: int, turn: Turn) -> str:
+    """MJCF of a site that is turned as its board is.
+
+    Args:
+        model: of the robot.
+        site: its number.
+        turn: of the board.
+    """
+    from scipy.spatial.transform import Rotation
+
+    given = Rotation.from_quat(model.site_quat[site], scalar_first=True)
+    quat = (given * turn.rotation.inv()).as_quat(canonical=True, scalar_first=True)
+    numbers = " ".join(f"{x:.6g}" for x in np.round(quat, 6) + 0.0)
+    return f'<site name="{model.site(site).name}" quat="{numbers}"/>'

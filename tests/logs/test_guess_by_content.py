@@ -1,0 +1,167 @@
+"""What names leave open is guessed by content, or stated by a preset."""
+
+import tomllib
+
+import mujoco
+import numpy as np
+import pytest
+
+from selfheal.errors import UnknownNameError
+from selfheal.logs.convert import import_logs
+from selfheal.logs.guessing.guess import guess_map
+from selfheal.logs.guessing.map_text import format_map
+from selfheal.logs.guessing.presets import list_presets, read_preset
+from selfheal.logs.log_map import COMMAND, parse_map
+from selfheal.recording import list_model_names, read
+from tests.support.logs.table_log import TableLog
+
+JOINTS = {"pan": (-2.5, 2.5), "lift": (-1.6, 1.7), "gripper": (-0.17, 1.75)}
+RANGES = np.array(list(JOINTS.values()))
+ARM = f"""<mujoco><compiler angle="radian" autolimits="true"/><worldbody>{
+    "".join(
+        f'<body pos="0.1 0 0"><joint name="{n}" range="{a} {b}"/><geom size="0.02"/>'
+        for n, (a, b) in JOINTS.items()
+    )
+}{"</body>" * 3}</worldbody><actuator>{
+    "".join(f'<position name="{n}" joint="{n}" kp="9"/>' for n in JOINTS)
+}</actuator></mujoco>"""
+TICK = 2 * np.pi / 4096
+
+
+@pytest.fixture(scope="module")
+def model():
+    return mujoco.MjModel.from_xml_string(ARM)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """Times (T), and commands, positions 60 ms later and speeds (T, 3)."""
+    rng, time = np.random.default_rng(3), np.arange(0, 20, 1 / 50)
+    middle, half = RANGES.mean(axis=1), 0.4 * np.ptp(RANGES, axis=1)
+    rates, phases = rng.uniform(0.5, 2.5, (2, 3)), rng.uniform(0, 6, (2, 3))
+
+    def move(t, order):
+        angle = t[:, None, None] * rates + phases
+        wave = rates * np.cos(angle) if order else np.sin(angle)
+        return half * wave.sum(axis=1) / 2 + (0 if order else middle)
+
+    q = move(time - 0.06, 0) + rng.normal(0, 2e-4, (len(time), 3))
+    return time, move(time, 0), q, move(time - 0.06, 1)
+
+
+def _write_lerobot(motion, unit, is_quantized):
+    """A table as LeRobot names and converts its columns."""
+    time, ctrl, q, _ = motion
+    if is_quantized:
+        q = np.round(q / TICK) * TICK
+    table = {"timestamp": time}
+    for form, values in (("action[{}.pos]", ctrl), ("observation.state[{}.pos]", q)):
+        for k, (name, (low, high)) in enumerate(JOINTS.items()):
+            share = np.clip((values[:, k] - low) / (high - low), 0, 1)
+            column = np.rad2deg(values[:, k])
+            if name == "gripper":
+                column = 100 * share
+            elif unit == "share":
+                column = 200 * share - 100
+            table[form.format(name)] = column
+    return TableLog({"": table})
+
+
+def _list_units(guess):
+    return {
+        (line.kind, target): (unit.unit or unit.ranges[0], sure)
+        for line in guess.lines
+        for target, unit, sure in zip(line.targets, line.units, line.sure, strict=True)
+    }
+
+
+@pytest.mark.parametrize("unit", ["deg", "share"])
+def test_encoders_steps_tell_degrees_from_shares(unit, model, motion):
+    found = _list_units(guess_map(_write_lerobot(motion, unit, True), model))
+    arm = "deg" if unit == "deg" else (-100, 100)
+    for kind in ("joint_position", COMMAND):
+        assert found[kind, "gripper"][0] == (0, 100)
+        for name in ("pan", "lift"):
+            assert found[kind, name][0] == arm and found[kind, name][1] > 0.85
+
+
+def test_what_values_do_not_tell_is_said_and_a_preset_settles_it(
+    model, motion, tmp_path
+):
+    log = _write_lerobot(motion, "share", False)
+    guess = guess_map(log, model)
+    doubtful = [sure for (_, name), (_, sure) in _list_units(guess).items()
+                if name != "gripper"]  # fmt: skip
+    assert max(doubtful) <= 0.5 and "--preset lerobot-so101" in guess.lines[0].why[0]
+    preset = read_preset("lerobot-so101")
+    text = format_map(guess_map(log, model, preset), "log", "model")
+    import_logs(
+        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
+        tmp_path / "rec.h5",
+    )  # fmt: skip
+    episode = read(tmp_path / "rec.h5").episodes["000"]
+    time, ctrl, q, _ = motion
+    assert episode.ctrl == pytest.approx(ctrl, abs=1e-9)
+    assert episode.signals["lift_position"].values == pytest.approx(q[:, 1])
+
+
+@pytest.mark.parametrize("name", ["lerobot-so101", "legged_gym", "ros2_control"])
+def test_presets_are_maps_without_a_model(name):
+    preset = read_preset(name)
+    assert {"command", "joint_position"} <= {rule.kind for rule in preset.signals}
+    assert not any(rule.targets or rule.to_range for rule in preset.signals)
+    assert name in list_presets()
+
+
+def test_a_preset_that_is_not_known_is_said():
+    with pytest.raises(UnknownNameError, match="lerobot-so101"):
+        read_preset("lerobot")
+
+
+@pytest.mark.parametrize("blocks", ["uqv", "vqu", "uq", "qu"])
+def test_columns_without_names_are_told_by_their_motion(blocks, model, motion):
+    time, ctrl, q, v = motion
+    values = {"u": ctrl, "q": q, "v": v}
+    table = np.column_stack([time, *(values[b] for b in blocks)])
+    log = TableLog({"": {f"col{k}": column for k, column in enumerate(table.T)}})
+    guess = guess_map(log, model)
+    assert guess.time.clocks[""].column == "col0"
+    kinds = {"u": COMMAND, "q": "joint_position", "v": "joint_velocity"}
+    want = {
+        (kinds[b], name): f"col{1 + 3 * i + k}"
+        for i, b in enumerate(blocks)
+        for k, name in enumerate(JOINTS)
+    }
+    found = {
+        (line.kind, target): column
+        for line in guess.lines
+        for column, target in zip(line.columns, line.targets, strict=True)
+    }
+    assert found == want
+    assert max(sure for line in guess.lines for sure in line.sure) < 0.7
+
+
+def test_a_map_has_lines_to_fill_in_for_what_was_not_found(model):
+    rng = np.random.default_rng(0)
+    table = {f"col{k}": rng.normal(size=100) for k in range(8)}
+    text = format_map(guess_map(TableLog({"": table}), model), "log", "model")
+    assert "# columns = []" in text and '# targets = ["pan", "lift", "gripper"]' in text
+    assert all(name in text for name in table)
+    assert max(map(len, text.splitlines())) < 80
+
+
+def test_rows_of_zeros_are_left_out_by_a_guess(model, motion, tmp_path):
+    time, ctrl, q, _ = motion
+    rows = np.arange(len(time)) % 6 == 3
+    table = {"time": time}
+    table |= {f"cmd_{n}": ctrl[:, k] for k, n in enumerate(JOINTS)}
+    table |= {f"{n}_pos": np.where(rows, 0, q[:, k]) for k, n in enumerate(JOINTS)}
+    log = TableLog({"": table})
+    text = format_map(guess_map(log, model), "log", "model")
+    assert text.count("missing = 0") == 1
+    import_logs(
+        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
+        tmp_path / "rec.h5",
+    )  # fmt: skip
+    values = read(tmp_path / "rec.h5").episodes["000"].signals["lift_position"].values
+    assert (np.isnan(values) == rows).all()

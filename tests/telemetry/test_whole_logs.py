@@ -1,0 +1,138 @@
+"""What is wrong with many columns of a log, or with an episode, is one fault."""
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from selfheal.logs.log_map import ColumnRule, LogMap
+from selfheal.telemetry import check_telemetry
+from selfheal.telemetry.map_mends import mend_rules
+
+DEGREES = 180 / np.pi
+MAP = LogMap([
+    ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
+    ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
+    ColumnRule("joint_velocity", "*_speed", unit="rad/s"),
+])  # fmt: skip
+
+
+def _edit(recording, change, ctrl=1.0):
+    return replace(recording, episodes={
+        k: replace(e, ctrl=e.ctrl * ctrl, signals={
+            n: replace(s, values=change(s)) for n, s in e.signals.items()
+        })
+        for k, e in recording.episodes.items()
+    })  # fmt: skip
+
+
+def _scale_joints(factor):
+    return lambda s: s.values * (factor if s.kind.startswith("joint") else 1)
+
+
+@pytest.fixture
+def limited(servo_arm):
+    model, recording = servo_arm
+    model = copy.copy(model)
+    model.jnt_limited[:], model.jnt_range[:] = 1, (-2.0, 2.0)
+    return model, recording
+
+
+@pytest.mark.parametrize(
+    ("read", "sent", "columns"),
+    [
+        (DEGREES, 1, {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v"}),
+        (1, DEGREES, {"s", "e"}),
+        (DEGREES, DEGREES,
+         {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "s", "e"}),
+    ],
+)  # fmt: skip
+def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
+    model, recording = limited
+    wrong = _edit(recording, _scale_joints(read), sent)
+    (fault,) = check_telemetry(wrong, model)
+    assert (fault.kind, set(fault.columns)) == ("unit", columns)
+    rules = mend_rules(MAP, [fault], wrong)
+    of_map = {"s": 0, "elbow_q": 1, "elbow_v": 2}
+    assert set(rules) == {n for name, n in of_map.items() if name in columns}
+    for (rule,) in rules.values():
+        assert rule.scale == pytest.approx(1 / DEGREES)
+
+
+def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
+    model, recording = limited
+    model.jnt_range[:] = (-0.7, 0.9), (-0.6, 1.1)
+    spans, middles = (1.6, 1.7), (0.1, 0.25)
+    factors = dict(zip(("shoulder", "elbow"), zip(spans, middles, strict=True),
+                       strict=True))  # fmt: skip
+
+    def share(values, span, middle):
+        return np.deg2rad(np.clip((values - middle) * 200 / span, -100, 100))
+
+    def write(s):
+        if not s.kind.startswith("joint"):
+            return s.values
+        span, middle = factors[s.target]
+        if s.kind == "joint_velocity":
+            return np.deg2rad(s.values * 200 / span)
+        return share(s.values, span, middle)
+
+    wrong = _edit(recording, write)
+    wrong = replace(wrong, episodes={
+        k: replace(e, ctrl=share(recording.episodes[k].ctrl, np.array(spans),
+                                 np.array(middles)))
+        for k, e in wrong.episodes.items()
+    })  # fmt: skip
+    faults = [f for f in check_telemetry(wrong, model) if f.kind == "unit"]
+    (fault,) = faults
+    assert "LeRobot" in fault.seen and "from_range = [-100, 100]" in fault.mend
+    rules = mend_rules(MAP, faults, wrong)
+    assert {rule.from_range for (rule,) in rules.values()} == {(-100, 100)}
+    assert {rule.unit for (rule,) in rules.values()} == {""}
+
+
+def test_rows_of_zeros_are_told_and_mended_by_the_map(servo_arm):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda s: s.values.copy())
+    rows = np.arange(500) % 6 == 2
+    for e in wrong.episodes.values():
+        for s in e.signals.values():
+            s.values[rows] = 0 if s.kind == "joint_position" else np.nan
+    (fault,) = check_telemetry(wrong, model)
+    assert fault.kind == "zeros" and fault.is_decisive and "249 of 1500" in fault.seen
+    ((rule,),) = mend_rules(MAP, [fault], wrong).values()
+    assert rule == replace(MAP.signals[1], missing=0.0)
+
+
+def test_a_joint_that_passes_zero_has_no_rows_of_zeros(servo_arm):
+    model, recording = servo_arm
+    coarse = _edit(recording, lambda s: np.round(s.values / 0.02) * 0.02
+                   if s.kind == "joint_position" else s.values)  # fmt: skip
+    assert "zeros" not in {f.kind for f in check_telemetry(coarse, model)}
+
+
+@pytest.mark.parametrize("aborted", ["0", "1", "2"])
+def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted):
+    model, recording = servo_arm
+    wrong = _edit(recording, lambda s: s.values.copy())
+    e = wrong.episodes[aborted]
+    e = replace(e, time=e.time[:250], ctrl=e.ctrl[:250], signals={
+        n: replace(s, values=s.values[:250].copy()) for n, s in e.signals.items()
+    })  # fmt: skip
+    rng = np.random.default_rng(0)
+    for s in e.signals.values():
+        still = s.values[80] if s.kind == "joint_position" else 0 * s.values[80]
+        s.values[80:] = still + rng.normal(0, 3e-4, s.values[80:].shape)
+    wrong = replace(wrong, episodes={**wrong.episodes, aborted: e})
+    faults = check_telemetry(wrong, model)
+    assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", (aborted,))}
+
+
+def test_a_mend_parts_a_rule_where_one_column_differs(servo_arm):
+    model, recording = servo_arm
+    turned = _edit(recording, lambda s: -s.values if s.target == "elbow" else s.values)
+    (fault,) = [f for f in check_telemetry(turned, model) if f.kind == "sign"]
+    rules = mend_rules(MAP, [fault], turned)
+    assert set(rules) <= {1, 2}
+    assert rules[1][0].sign == [1, -1]
