@@ -17,6 +17,7 @@ HEAD = """<mujoco><compiler angle="radian"/><worldbody><body>
 <body><joint name="pitch" axis="0 1 0"/>
 <inertial pos="0 0 .1" mass="1" diaginertia="1 1 1"/>
 <site name="board" pos=".05 0 .1" quat="1 0 0 0"/></body></body></worldbody>
+<actuator><motor name="y" joint="yaw"/><motor name="p" joint="pitch"/></actuator>
 <sensor><gyro name="gyro" site="board"/><accelerometer name="acc" site="board"/>
 </sensor></mujoco>"""
 FRAMES = Rotation.create_group("O")
@@ -24,7 +25,7 @@ FRAMES = Rotation.create_group("O")
 
 @pytest.fixture(scope="module")
 def recording():
-    """What the head reads as it is moved, without any force of its own."""
+    """What the head reads as its motors move it."""
     model = mujoco.MjModel.from_xml_string(HEAD)
     data, rng = mujoco.MjData(model), np.random.default_rng(2)
     time = np.arange(800) / 100
@@ -36,11 +37,11 @@ def recording():
         ], axis=1)
         for n in range(3)
     )  # fmt: skip
-    read = np.empty((len(time), 6))
+    read, ctrl = np.empty((len(time), 6)), np.empty((len(time), 2))
     for k in range(len(time)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], acc[k]
         mujoco.mj_inverse(model, data)
-        read[k] = data.sensordata
+        read[k], ctrl[k] = data.sensordata, data.qfrc_inverse
     read += rng.normal(0, 0.01, read.shape)
     signals = {
         "yaw_q": Signal(q[:, 0], "joint_position", "yaw", "rad"),
@@ -48,7 +49,7 @@ def recording():
         "gyro": Signal(read[:, :3], "sensor", "gyro", "rad/s"),
         "acc": Signal(read[:, 3:], "sensor", "acc", "m/s^2"),
     }
-    return Recording({"0": Episode(time, np.empty((len(time), 0)), (), signals)})
+    return Recording({"0": Episode(time, ctrl, ("y", "p"), signals)})
 
 
 def _turn(recording, rotation):
