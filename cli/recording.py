@@ -288,7 +288,7 @@ def _print_tables(summary: dict[str, Any]) -> None:
     for line in _list_signal_lines(summary["episodes"]):
         print_paragraph(line, "  ")
     _print_telemetry(summary)
-    print_paragraph(_format_verdict(summary))
+    print_line(_format_verdict(summary))
 
 
 def _print_telemetry(summary: dict[str, Any]) -> None:
