@@ -1,7 +1,6 @@
 """Files that are whole or absent: paths in; safe places to write, open runs out."""
 
 import errno
-import fcntl
 import glob
 import io
 import math
@@ -17,6 +16,7 @@ from uuid import uuid4
 
 from .errors import InputError, RunFileError, RunLockError, SelfhealError
 from .limited_reading import explain_dangerous
+from .machine import lock
 
 # values that an HDF5 file may state; chosen: 1.6 GB as float64, which is two days at
 # 1 kHz of one signal, or an hour of 55
@@ -117,7 +117,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     try:
         with held:
             with suppress(OSError):  # a file system may have no locks
-                fcntl.flock(held, fcntl.LOCK_EX)
+                lock(held, wait=True)
             _remove_abandoned(target)
             yield temporary
             os.replace(temporary, target)
@@ -137,7 +137,7 @@ def _remove_abandoned(target: Path) -> None:
     """Remove temporary files of a target that no process writes any more."""
     for path in target.parent.glob(f".{glob.escape(target.name)}.????????.tmp"):
         with suppress(OSError), path.open("rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(file, wait=False)
             path.unlink()
 
 
@@ -233,25 +233,25 @@ def lock_file(path: str | os.PathLike[str]) -> Iterator[None]:
         RunLockError: another process works on it, or no lock can be made beside it.
         SelfhealError: the disk is full.
     """
-    lock = Path(f"{path}.lock")
+    beside = Path(f"{path}.lock")
     busy = f"{path}: another process is working on it"
     try:
-        file = lock.open("w")
+        file = beside.open("w")
     except OSError as error:
         if error.errno in DISK_ERRORS:
-            raise make_write_error(lock, error) from error
+            raise make_write_error(beside, error) from error
         raise RunLockError(f"cannot write beside {path}: {error.strerror}") from error
     with file:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock(file, wait=False)
         except BlockingIOError as error:
             raise RunLockError(busy) from error
-        if not _is_same_file(file, lock):  # another process has just let go of it
+        if not _is_same_file(file, beside):  # another process has just let go of it
             raise RunLockError(busy)
         try:
             yield
         finally:
-            lock.unlink(missing_ok=True)
+            beside.unlink(missing_ok=True)
 
 
 def _is_same_file(file: IO[str], path: Path) -> bool:

@@ -8,15 +8,15 @@ reads it and ends, and only what it survived is read again here.
 import atexit
 import json
 import os
-import resource
 import signal
 import subprocess
 import sys
 from functools import cache
 from importlib import import_module
-from pathlib import Path
 from threading import Lock
 from typing import Any
+
+from .machine import BARE_FOLDER, limit_memory
 
 # [s] that a small file may take; chosen: 100 times what the largest models take
 MAX_SECONDS = 12.0
@@ -96,8 +96,10 @@ def _start_server(_: int) -> subprocess.Popen[str]:
     process = subprocess.Popen(
         [sys.executable, "-P", "-c", code], stdin=pipe, stdout=pipe,
         stderr=subprocess.DEVNULL, text=True, start_new_session=True,
-        cwd="/proc",  # where no library can leave a file
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+        cwd=BARE_FOLDER,
+        # the second one is macOS's: forks of what has loaded its libraries may run on
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1",
+                          "OBJC_DISABLE_INITIALIZE_FORK_SAFETY": "YES"},
     )  # fmt: skip
     atexit.register(_stop_server, process, os.getpid())
     return process
@@ -135,10 +137,7 @@ def _read_and_exit(read: Any, path: str, seconds: float, memory: int) -> None:
     code = 1  # of a library that ends the process by itself
     try:
         signal.setitimer(signal.ITIMER_REAL, seconds)  # its signal ends the process
-        pages = int(Path("/proc/self/statm").read_text().split()[0])
-        limit = pages * resource.getpagesize() + memory
-        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        limit_memory(memory)
         read(path)
         code = 0
     except MemoryError:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import check_writable_folder
+from ..machine import count_cores
 from ._compiler_cache import warn_uncached
 
 _DEVICES = "--xla_force_host_platform_device_count"
@@ -47,15 +48,6 @@ def _set_environment() -> None:
     if _DEVICES not in flags:
         devices = f"{_DEVICES}={min(count, _MOST_DEVICES)}"
         os.environ["XLA_FLAGS"] = f"{flags} {devices}".strip()
-
-
-def count_cores() -> int:
-    """The number of cores this process may run on; NPROC can say fewer, as to XLA."""
-    free = os.cpu_count() or 1
-    if hasattr(os, "sched_getaffinity"):
-        free = len(os.sched_getaffinity(0))
-    told = os.environ.get("NPROC", "")
-    return min(free, max(int(told), 1)) if told.isdecimal() else free
 
 
 def find_cache_folder() -> Path:

@@ -21,7 +21,7 @@ from ..body.changes import (
 )
 from ..body.damage import Damage
 from ..body.legged import HIDDEN, LeggedRobot
-from ._jax import count_cores
+from ..machine import count_cores
 from .network import build_networks
 from .walk import FASTEST
 

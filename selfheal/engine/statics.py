@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..body.body import Bodies, Floats, Ints
-from ._jax import count_cores
+from ..machine import count_cores
 from .readings import MAX_CLEARANCE, Readings, compute_readings
 
 _LEAST_ROWS_PER_THREAD = (

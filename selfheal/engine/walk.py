@@ -12,7 +12,7 @@ import numpy as np
 from ..body.body import Anatomy, Floats
 from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
-from ._jax import count_cores
+from ..machine import count_cores
 from .plant import Plant, compute_set_points
 from .readings import TOUCH_HEIGHT
 

@@ -1,7 +1,6 @@
 """What happens in a worker process: a run's settings in, its record out."""
 
 import os
-import resource
 import signal
 import time
 import traceback
@@ -11,6 +10,7 @@ from typing import Any
 
 from distributed import Worker, WorkerPlugin, get_worker
 
+from ..machine import measure_peak_memory, pin_to_core
 from .plan import Outcome, Record
 
 _LINES = 6  # last ones of a traceback that are kept; chosen
@@ -37,9 +37,7 @@ class PinnedWorker(WorkerPlugin):
         warnings.simplefilter("ignore")  # a thousand runs would each say the same
         if self.own:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            core = self.own[int(worker.name) % len(self.own)]
-            for thread in os.listdir("/proc/self/task"):
-                os.sched_setaffinity(int(thread), {core})
+            pin_to_core(self.own[int(worker.name) % len(self.own)])
 
 
 def perform_task(
@@ -66,6 +64,6 @@ def perform_task(
         "outcome": outcome,
         "error": error,
         "seconds": round(time.perf_counter() - start, 3),
-        "megabytes": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+        "megabytes": measure_peak_memory() >> 20,
         "worker": str(get_worker().name),
     }

@@ -1,15 +1,14 @@
 """Where runs are done: a user's words in, a Dask client with workers behind it out."""
 
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..engine._jax import count_cores
 from ..errors import InputError, UnknownNameError
 from ..extras import import_extra
+from ..machine import count_cores, list_cores
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -93,7 +92,7 @@ def connect_workers(place: Workplace, logs: Path) -> Iterator["Client"]:
         else:
             made = _start_cluster(place, logs) if place.cluster else _start_local(place)
             client = stack.enter_context(Client(stack.enter_context(made)))
-            own = () if place.cluster else tuple(sorted(os.sched_getaffinity(0)))
+            own = () if place.cluster else list_cores()
         try:
             client.register_plugin(PinnedWorker(own))
         except Exception as error:  # whatever they raise when they load it

@@ -14,6 +14,7 @@ ROOMS = [
         "errors",
         "extras",
         "notebook",
+        "machine",
         "limited_reading",
         "files",
         "mujoco_files",

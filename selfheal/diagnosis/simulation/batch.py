@@ -1,12 +1,12 @@
 """Batches: takes hypotheses and initial states, gives simulations to run."""
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
+from ...machine import count_cores
 from ...recording import find_output
 from ...recording.data import Floats
 from ..effects.base import Term
@@ -135,7 +135,7 @@ def make_batch(hypotheses: Hypotheses, initial: BatchState):
     from mujoco.batch import Batch
 
     variant, count = hypotheses.variant, len(initial.qpos)
-    threads = min(count, len(os.sched_getaffinity(0)))
+    threads = min(count, count_cores())
     batch = Batch(variant.model, count, nthread=threads)
     segments = count // len(hypotheses.models)
     for name, nominal in variant.nominal_fields.items():
