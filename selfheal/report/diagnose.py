@@ -34,6 +34,7 @@ from .page import (
 from .page import make_page as whole
 from .phrases import MEANS, UNTOLD, capitalize, replace_underscores, state_verdict
 from .picture import embed_figure, use_page_style
+from .robot import make_robot_sections
 from .tables import format_quantity, format_short, parse_number
 
 _MOST_TRACES, _NEAREST = 6, 3  # drawn, advised; chosen
@@ -61,6 +62,7 @@ def make_diagnosis_page(
             _make_findings_section(diagnosis),
             _make_errors_section(diagnosis),
             _make_traces_section(diagnosis),
+            *make_robot_sections(diagnosis),
             _make_map_section(diagnosis.located),
             _make_candidates_section(diagnosis),
             _make_refit_section(diagnosis),

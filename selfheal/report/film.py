@@ -13,6 +13,7 @@ from .picture import INK, PAPER
 from .render import SQUARE, render_lanes
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
     from PIL.ImageFont import FreeTypeFont
 
 _QUALITY = 60  # of a WebP, of 100; chosen
@@ -37,27 +38,49 @@ def make_film(
     if shown is None:
         return draw_animation(lanes, heading, caption, sample=sample)
     squares = f" Rendered by MuJoCo; squares of {SQUARE} m, the dark line is the start."
-    return embed_animation(_encode_webp(lanes, shown), "webp", caption + squares)
+    frames = join_strips([lane.title for lane in lanes], shown)
+    return embed_animation(
+        encode_webp(frames, duration=FRAME / 2), "webp", caption + squares
+    )
 
 
-def _encode_webp(lanes: Sequence[Lane], shown: np.ndarray) -> bytes:
-    """Titled strips (lanes, frames, height, width, 3) as one moving picture."""
+def join_strips(
+    titles: Sequence[str], shown: np.ndarray, *, beside: bool = False
+) -> list["Image"]:
+    """Pictures of several strips, each below its title.
+
+    Args:
+        titles: of the strips.
+        shown: (strips, frames, height, width, 3) uint8.
+        beside: whether strips are beside each other, instead of below.
+    """
     from PIL import Image, ImageDraw
 
     font, frames = _load_font(), []
     count, _, height, width = shown.shape[:4]
+    columns, rows = (count, 1) if beside else (1, count)
     for strips in shown.swapaxes(0, 1):
-        image = Image.new("RGB", (width, count * (_BAND + height)), PAPER)
+        image = Image.new("RGB", (columns * width, rows * (_BAND + height)), PAPER)
         draw = ImageDraw.Draw(image)
-        for k, (lane, strip) in enumerate(zip(lanes, strips, strict=True)):
-            top = k * (_BAND + height)
-            draw.text((4, top + 4), lane.title, fill=INK, font=font)
-            image.paste(Image.fromarray(strip), (0, top + _BAND))
+        for k, (title, strip) in enumerate(zip(titles, strips, strict=True)):
+            left, top = (k * width, 0) if beside else (0, k * (_BAND + height))
+            draw.text((left + 4, top + 4), title, fill=INK, font=font)
+            image.paste(Image.fromarray(strip), (left, top + _BAND))
         frames.append(image)
+    return frames
+
+
+def encode_webp(frames: Sequence["Image"], *, duration: float = 1.0) -> bytes:
+    """One picture, or several as a moving one.
+
+    Args:
+        frames: at least one.
+        duration: that each is shown [s].
+    """
     buffer = io.BytesIO()
     first, *others = frames
     first.save(buffer, "WEBP", save_all=True, append_images=others, loop=0,
-               duration=round(500 * FRAME), quality=_QUALITY, method=2)  # fmt: skip
+               duration=round(1000 * duration), quality=_QUALITY, method=2)  # fmt: skip
     return buffer.getvalue()
 
 

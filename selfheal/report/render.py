@@ -4,8 +4,8 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,10 +13,11 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.mjcf import build_spec
+from ..engine.poses import pose_bodies
 from .motion import Lane, pose_skeleton
 
 if TYPE_CHECKING:
-    from mujoco import MjSpec
+    from mujoco import MjModel, MjSpec
 
 _WIDTH = 720  # [px]; chosen
 _FLATTEST, _STEEPEST = 0.2, 0.45  # height of a picture by its width; chosen
@@ -30,33 +31,92 @@ _TORSO = (0.6, 0.64, 0.68, 1.0)
 
 
 @dataclass(frozen=True)
-class _View:
+class View:
     """A camera that stands still.
 
     Attributes:
         middle: (3) of what it sees [m].
         wide: [m] of what it sees.
-        place: (3) [m].
-        turn: (4) quaternion.
+        axes: (3, 3) to its right, up, and toward it.
+        away: from the middle [m].
         fovy: vertical angle [degrees].
         aspect: height of the picture by its width.
     """
 
     middle: Floats
     wide: float
-    place: Floats
-    turn: Floats
+    axes: Floats
+    away: float
     fovy: float
     aspect: float
+
+    def project(self, points: Floats) -> Floats:
+        """Where in a picture (N, 2) points (N, 3) [m] are, by its width, from above."""
+        seen = (points - self.middle) @ self.axes.T
+        high = 2 * np.tan(np.radians(self.fovy) / 2)
+        flat = seen[:, :2] / (self.away - seen[:, 2:]) / high * self.aspect
+        return np.array([0.5, 0.5 * self.aspect]) + flat * [1, -1]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A model in several poses; as `_gl.py` has them.
+
+    Attributes:
+        model: compiled, with lights and a camera, by `furnish`.
+        size: height and width of a picture [px].
+        poses: (F, B, 7) of all bodies.
+        more: `paint`, `ghost` and `ghost_paint`, as far as they are wanted.
+    """
+
+    model: "MjModel"
+    size: tuple[int, int]
+    poses: Floats
+    more: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def render_scenes(scenes: Sequence[Scene]) -> list[np.ndarray] | None:
+    """Pictures (F, height, width, 3) uint8 of each scene; None where nothing can.
+
+    It is done in a process of its own, with EGL or else OSMesa; with `MUJOCO_GL` alone
+    where that is set, so `MUJOCO_GL=disable` keeps from rendering. macOS has its own.
+    """
+    own = "cgl" if sys.platform == "darwin" else "egl"
+    chosen = os.environ.get("MUJOCO_GL")
+    for backend in (chosen,) if chosen else (own, "osmesa"):
+        pictures = _run_renderer(scenes, backend)
+        if pictures is not None:
+            return pictures
+    return None
+
+
+def _run_renderer(scenes: Sequence[Scene], backend: str) -> list[np.ndarray] | None:
+    """What a process with this OpenGL renders; None if it does not."""
+    import mujoco
+
+    with tempfile.TemporaryDirectory() as folder:
+        for k, scene in enumerate(scenes):
+            mujoco.mj_saveModel(scene.model, f"{folder}/model_{k}.mjb")
+            np.savez(f"{folder}/scene_{k}.npz", size=np.array(scene.size),
+                     poses=scene.poses, **scene.more)  # type: ignore[arg-type]  # fmt: skip
+        script = str(Path(__file__).with_name("_gl.py"))
+        # -P: names of this folder's files would hide those of packages
+        command = [sys.executable, "-P", script, folder]
+        environment = os.environ | {"MUJOCO_GL": backend}
+        try:
+            done = subprocess.run(command, env=environment, cwd=folder,
+                                  capture_output=True, timeout=_LONGEST)  # fmt: skip
+            shown = [np.load(f"{folder}/pictures_{k}.npy") for k in range(len(scenes))]
+        except (OSError, subprocess.TimeoutExpired):
+            return None
+    # an OpenGL that draws nothing answers with one color
+    return None if done.returncode or not all(map(np.ptp, shown)) else shown
 
 
 def render_lanes(
     lanes: Sequence[Lane], heading: float, rows: Sequence[int]
 ) -> np.ndarray | None:
     """All lanes as one camera sees them, which stands still, the way to the right.
-
-    It is done in a process of its own, with EGL or else OSMesa; with `MUJOCO_GL` alone
-    where that is set, so `MUJOCO_GL=disable` keeps from rendering.
 
     Args:
         lanes: walks.
@@ -67,107 +127,103 @@ def render_lanes(
         (L, F, height, width, 3) uint8 of L lanes and F rows; None where nothing can
         render.
     """
-    chosen = os.environ.get("MUJOCO_GL")
-    scenes = _build_scenes(lanes, heading, rows)
-    for backend in (chosen,) if chosen else ("egl", "osmesa"):
-        pictures = _run_renderer(scenes, backend)
-        if pictures is not None:
-            return pictures
-    return None
-
-
-def _run_renderer(scenes: dict[str, np.ndarray], backend: str) -> np.ndarray | None:
-    """What a process with this OpenGL renders; None if it does not."""
-    with tempfile.TemporaryDirectory() as folder:
-        told, shown = Path(folder, "scenes.npz"), Path(folder, "pictures.npy")
-        np.savez(told, **scenes)  # type: ignore[arg-type]
-        script = str(Path(__file__).with_name("_gl.py"))
-        # -P: names of this folder's files would hide those of packages
-        command = [sys.executable, "-P", script, str(told), str(shown)]
-        environment = os.environ | {"MUJOCO_GL": backend}
-        try:
-            done = subprocess.run(command, env=environment, cwd=folder,
-                                  capture_output=True, timeout=_LONGEST)  # fmt: skip
-        except (OSError, subprocess.TimeoutExpired):
-            return None
-        if done.returncode or not shown.is_file():
-            return None
-        pictures = np.load(shown)
-    # an OpenGL that draws nothing answers with one color
-    return pictures if np.ptp(pictures) else None
-
-
-def _build_scenes(
-    lanes: Sequence[Lane], heading: float, rows: Sequence[int]
-) -> dict[str, np.ndarray]:
-    """What `_gl.py` reads."""
-    view = _find_view(lanes, heading, rows)
-    scenes = {"size": np.array([round(_WIDTH * view.aspect), _WIDTH])}
-    for k, lane in enumerate(lanes):
-        spec = _furnish_scene(lane, heading, view)
-        model = spec.compile()
-        poses = np.zeros((len(rows), model.nq))
-        poses[:, :3], poses[:, 3:7] = lane.position[rows], lane.orientation[rows]
-        at = [model.joint(j).qposadr[0] for j in lane.body.anatomy.joints]
-        poses[:, at] = lane.angles[rows]
-        scenes |= {f"xml_{k}": np.array(spec.to_xml()), f"qpos_{k}": poses}
-    return scenes
-
-
-def _find_view(lanes: Sequence[Lane], heading: float, rows: Sequence[int]) -> _View:
-    """A camera that sees all of all walks, from the right of the way and above."""
-    from scipy.spatial.transform import Rotation
-
     points = np.concatenate([
         pose_skeleton(lane.body, lane.position[k], lane.orientation[k], lane.angles[k])
         for lane in lanes for k in rows
     ])  # fmt: skip
+    view = find_view(points.reshape(-1, 3), heading, _ELEVATION, _FLATTEST, _STEEPEST)
+    size = round(_WIDTH * view.aspect), _WIDTH
+    scenes = []
+    for lane in lanes:
+        model = _build_lane(lane, heading, view, size)
+        poses = np.zeros((len(rows), model.nq))
+        poses[:, :3], poses[:, 3:7] = lane.position[rows], lane.orientation[rows]
+        at = [model.joint(j).qposadr[0] for j in lane.body.anatomy.joints]
+        poses[:, at] = lane.angles[rows]
+        scenes.append(Scene(model, size, pose_bodies(model, poses)))
+    shown = render_scenes(scenes)
+    return None if shown is None else np.stack(shown)
+
+
+def find_view(
+    points: Floats, heading: float, elevation: float, flattest: float, steepest: float
+) -> View:
+    """A camera that sees all points.
+
+    Args:
+        points: (N, 3) [m].
+        heading: horizontal direction that is to the right [rad].
+        elevation: of the camera above the horizon [rad].
+        flattest: least height of the picture by its width.
+        steepest: largest one.
+    """
     right = np.array([np.cos(heading), np.sin(heading), 0.0])
     level = np.array([right[1], -right[0], 0.0])
-    toward = np.cos(_ELEVATION) * level + np.sin(_ELEVATION) * np.array([0, 0, 1])
+    toward = np.cos(elevation) * level + np.sin(elevation) * np.array([0, 0, 1])
     axes = np.array([right, np.cross(toward, right), toward])
-    seen = points.reshape(-1, 3) @ axes.T
+    seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
     seen -= middle
-    away = _AWAY * float(np.ptp(seen[:, 0]))
+    away = _AWAY * float(np.ptp(seen, axis=0).max())
     spread = np.abs(seen[:, :2] / (away - seen[:, 2:])).max(axis=0)
     half, high = _MARGIN * spread  # tangents
-    aspect = float(np.clip(high / half, _FLATTEST, _STEEPEST))
-    return _View(
+    aspect = float(np.clip(high / half, flattest, steepest))
+    return View(
         middle=middle @ axes,
         wide=away / _AWAY,
-        place=(middle + [0, 0, away]) @ axes,
-        turn=Rotation.from_matrix(axes.T).as_quat(scalar_first=True),
+        axes=axes,
+        away=away,
         fovy=float(np.degrees(2 * np.arctan(max(high, half * aspect)))),
         aspect=aspect,
     )
 
 
-def _furnish_scene(lane: Lane, heading: float, view: _View) -> "MjSpec":
+def furnish(spec: "MjSpec", view: View, size: tuple[int, int]) -> None:
+    """Give a model white above, soft light, and the camera of a view."""
+    import mujoco
+    from scipy.spatial.transform import Rotation
+
+    from ._gl import CAMERA
+
+    if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
+        spec.add_texture(
+            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=16, height=96,
+            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1], rgb2=[1, 1, 1],
+        )  # fmt: skip
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.35] * 3
+    spec.visual.headlight.specular = [0.05] * 3
+    spec.visual.quality.shadowsize = _SHADOW
+    spec.visual.quality.offsamples = _SAMPLES
+    spec.visual.global_.offheight, spec.visual.global_.offwidth = size
+    spec.stat.center, spec.stat.extent = view.middle, view.wide
+    spec.worldbody.add_camera(
+        name=CAMERA,
+        pos=view.middle + view.away * view.axes[2],
+        quat=Rotation.from_matrix(view.axes.T).as_quat(scalar_first=True),
+        fovy=view.fovy,
+    )
+
+
+def _build_lane(
+    lane: Lane, heading: float, view: View, size: tuple[int, int]
+) -> "MjModel":
     """A lane's body in its color, on a floor with squares, in the light, in view."""
     import mujoco
 
     spec = build_spec(lane.body)
     _paint_body(spec, lane)
     _add_floor(spec)
+    furnish(spec, view, size)
     half = heading / 2
     spec.worldbody.add_geom(  # where it starts
         type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.006, 0.3, 0.0005],
         quat=[np.cos(half), 0, 0, np.sin(half)], rgba=[0.1, 0.12, 0.14, 1],
     )  # fmt: skip
-    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.35] * 3
-    spec.visual.headlight.specular = [0.05] * 3
     light = spec.lights[0]
     light.pos = [*view.middle[:2], 2]  # shadows fall about it
     light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
     light.dir, light.diffuse, light.specular = [0, 0, -1], [0.5] * 3, [0.1] * 3
-    spec.visual.quality.shadowsize = _SHADOW
-    spec.visual.quality.offsamples = _SAMPLES
-    visual = spec.visual.global_
-    visual.offheight, visual.offwidth = round(_WIDTH * view.aspect), _WIDTH
-    spec.stat.center, spec.stat.extent = view.middle, view.wide
-    spec.worldbody.add_camera(pos=view.place, quat=view.turn, fovy=view.fovy)
-    return spec
+    return spec.compile()
 
 
 def _paint_body(spec: "MjSpec", lane: Lane) -> None:
@@ -187,13 +243,9 @@ def _paint_body(spec: "MjSpec", lane: Lane) -> None:
 
 
 def _add_floor(spec: "MjSpec") -> None:
-    """White above, and squares below."""
+    """Squares below."""
     import mujoco
 
-    spec.add_texture(
-        name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=16, height=96,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1], rgb2=[1, 1, 1],
-    )  # fmt: skip
     spec.add_texture(
         name="squares", type=mujoco.mjtTexture.mjTEXTURE_2D, width=256, height=256,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,

@@ -68,7 +68,8 @@ def test_a_driver_that_does_not_answer_is_given_up(monkeypatch):
 
 def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
     def blank(command, **more):
-        np.save(command[-1], np.zeros((2, 1, 4, 4, 3), np.uint8))
+        for k in range(2):
+            np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
         return subprocess.CompletedProcess(command, 0)
 
     monkeypatch.setattr(render.subprocess, "run", blank)

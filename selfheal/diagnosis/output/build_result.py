@@ -36,7 +36,8 @@ from . import document as doc
 from .finding_location import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
-from .result import Candidate, Diagnosis, SignalFit, Trace
+from .pose_trace import make_pose_trace
+from .result import Candidate, Diagnosis, PoseTrace, SignalFit, Trace
 from .urdf_patch import explain_urdf, find_urdf
 
 MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
@@ -48,6 +49,13 @@ UNPATCHED = (
     "selfheal replay applies all of it. {}. Of a model without such elements, as "
     "mujoco.MjSpec.to_xml writes one, a patch could be made: diagnose that."
 )
+# what readings of a kind are read at; all others at a body
+_READ_AT = {
+    "joint_position": "joint",
+    "joint_velocity": "joint",
+    "joint_torque": "actuator",
+    "sensor": "sensor",
+}
 MIN_MOTION = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
@@ -81,6 +89,9 @@ def build_diagnosis(
     text, diff, edits, unpatched = patch_or_nominal(
         dataset, patched.terms, patched.values
     )
+    traces, poses = _make_traces(
+        dataset, proof.segments, proof.refits["refit"], patched
+    )
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -101,7 +112,7 @@ def build_diagnosis(
         edits,
         text,
         diff,
-        _make_traces(dataset, proof.segments, proof.refits["refit"], patched),
+        traces,
         located,
         _fit_signals(dataset, proof.squares, proof.count),
         _list_candidates(hypothesis),
@@ -110,6 +121,7 @@ def build_diagnosis(
         int(dataset.training.counter.count + dataset.held_out.counter.count),
         more_than_noise=structure.is_significant,
         information=information,
+        poses=poses,
     )
 
 
@@ -208,10 +220,11 @@ def build_patch(
 
 def _make_traces(
     dataset: Dataset, segments: Segments, refit: Fit, patched: Fit
-) -> tuple[Trace, ...]:
+) -> tuple[tuple[Trace, ...], PoseTrace | None]:
     """The worst stretches of the held-out episodes, by the re-fitted model.
 
-    Of poses that were read once each, all of them in a row.
+    Of poses that were read once each, all of them in a row. In the worst stretch also
+    the poses of all bodies.
 
     Args:
         dataset: with the held-out episodes.
@@ -219,12 +232,11 @@ def _make_traces(
         refit: of the nominal values alone.
         patched: with the named effects.
     """
-    simulator, given = dataset.held_out.native, ((), np.zeros(0))
+    simulator = dataset.held_out.native
+    models = [((), np.zeros(0))] + [(fit.terms, fit.values) for fit in (refit, patched)]
     predicted = [
-        simulator.simulate(terms, values[None], segments)[0]
-        for terms, values in (given, (refit.terms, refit.values),
-                              (patched.terms, patched.values))
-    ]  # fmt: skip
+        simulator.simulate(terms, values[None], segments)[0] for terms, values in models
+    ]
     worst = []
     for c in simulator.channels:
         for k in range(c.first_column, c.first_column + c.width):
@@ -234,12 +246,20 @@ def _make_traces(
                 segments.segment_of_sample, square, minlength=len(segments)
             )
             w = int(by_segment.argmax())
-            worst.append((by_segment[w] * (2 if c.is_scored else 1), c, k, w))
+            weight = 2 if c.is_scored else 1
+            worst.append((by_segment[w] * weight, c, k, w, square))
     worst.sort(key=lambda x: -x[0])
-    make = _make_pose_trace if segments.is_single_readings else _make_trace
-    return tuple(
+    once = segments.is_single_readings
+    make = _make_reading_trace if once else _make_trace
+    traces = tuple(
         make(simulator, segments, predicted, c, k, w)
-        for _, c, k, w in worst[:MAX_TRACES]
+        for _, c, k, w, _ in worst[:MAX_TRACES]
+    )
+    if once:
+        return traces, None
+    *_, w, square = worst[0]
+    return traces, make_pose_trace(
+        simulator, segments, w, square, (models[0], models[2])
     )
 
 
@@ -248,7 +268,7 @@ def _column_name(c: Channel, k: int) -> str:
     return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
 
 
-def _make_pose_trace(
+def _make_reading_trace(
     simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
 ) -> Trace:
     """A column of all poses, over their number.
@@ -307,6 +327,7 @@ def _fit_signals(
             floor=float(noise[s]),
             unit=c.error_unit[1],
             scale=c.error_unit[0] * c.spread,
+            reads=f"{_READ_AT.get(c.kind, 'body')}:{c.target}",
             **{
                 k: score.bootstrap_interval(simulator, squares[k], count, s)
                 for k in ("given", "refit", "patched")

@@ -52,6 +52,30 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
+class PoseTrace:
+    """Poses of all bodies in the worst stretch, measured and predicted.
+
+    Bodies are those of the given model but the world, in its order. A pose is a body's
+    origin [m] and quaternion in the world frame; NaN where a model diverged.
+
+    Attributes:
+        episode: its name.
+        time: (F) of the frames [s].
+        unread: joints that no reading tells, measured as the given model moves them.
+        measured: (F, B, 7).
+        given: (F, B, 7) predicted by the model as given.
+        patched: (F, B, 7) predicted by the model with the findings.
+    """
+
+    episode: str
+    time: Floats
+    unread: tuple[str, ...]
+    measured: Floats
+    given: Floats
+    patched: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Localization:
     """Where the re-fitted model is wrong.
 
@@ -83,6 +107,7 @@ class SignalFit:
         floor: what the readings' noise alone leaves.
         unit: of errors that are not normalized.
         scale: what a normalized error of 1 is [unit].
+        reads: what it is read at, as a target is named ("joint:knee", "sensor:imu").
     """
 
     name: str
@@ -93,6 +118,7 @@ class SignalFit:
     floor: float
     unit: str = "1"
     scale: float = 1.0
+    reads: str = ""
 
 
 @dataclass(frozen=True)
@@ -132,6 +158,7 @@ class Diagnosis:
         page: text of report.html; empty where none was drawn.
         more_than_noise: whether the findings leave more than noise in short segments.
         information: what the recordings tell of the values, as of the last fit.
+        poses: of all bodies in the worst stretch; None of poses that were read once.
     """
 
     model: str
@@ -149,6 +176,7 @@ class Diagnosis:
     page: str = ""
     more_than_noise: bool = False
     information: Information | None = None
+    poses: PoseTrace | None = None
 
     def with_stop(self, stage: str, count: int, untried: Sequence[str]) -> "Diagnosis":
         """The result of a search that was stopped before its end.

@@ -1,0 +1,91 @@
+"""Where on a robot findings are: a model and a diagnosis in, places on bodies out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..body.body import Floats
+from ..diagnosis.output.result import Diagnosis
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+
+@dataclass(frozen=True, eq=False)
+class Mark:
+    """A place of the robot that findings are about.
+
+    Attributes:
+        body: its number.
+        point: (3) in the body's frame [m].
+        name: of the joint, actuator, body, ... with the effects found there.
+    """
+
+    body: int
+    point: Floats
+    name: str
+
+
+def find_marks(model: "MjModel", diagnosis: Diagnosis) -> tuple[list[Mark], list[str]]:
+    """Where on the robot the findings are, and those that are nowhere on it.
+
+    Args:
+        model: compiled.
+        diagnosis: with findings, and signals that say what they read.
+    """
+    reads = {signal.name: signal.reads for signal in diagnosis.signals}
+    effects: dict[str, list[str]] = {}
+    for finding in diagnosis.document["findings"]:
+        words = finding["effect"].replace("_", " ")
+        effects.setdefault(finding["target"], []).append(words)
+    marks, elsewhere = [], []
+    for target, found in effects.items():
+        kind, _, name = target.partition(":")
+        if kind == "sensor":  # a signal's name, of which a model knows nothing
+            kind, _, element = reads.get(name, "").partition(":")
+        else:
+            element = name
+        body, point = _find_point(model, *_find_element(model, kind, element))
+        if body:
+            marks.append(Mark(body, point, f"{name}: {', '.join(found)}"))
+        else:
+            elsewhere.append(f"{', '.join(found)} ({name or target})")
+    return marks, elsewhere
+
+
+def _find_element(model: "MjModel", kind: str, name: str) -> tuple[Any, int]:
+    """Type (mjtObj) and id of what a target names; None for the world."""
+    import mujoco
+
+    if kind not in ("joint", "actuator", "body", "geom", "sensor"):
+        return None, 0
+    kinds = mujoco.mjtObj.__members__
+    return kinds[f"mjOBJ_{kind.upper()}"], int(getattr(model, kind)(name).id)
+
+
+def _find_point(model: "MjModel", kind: Any, i: int) -> tuple[int, Floats]:
+    """Body that the i-th object of a type is on and where [m]; body 0: on none."""
+    from mujoco import mjtObj, mjtTrn
+
+    if kind == mjtObj.mjOBJ_SENSOR:
+        return _find_point(model, model.sensor_objtype[i], int(model.sensor_objid[i]))
+    if kind == mjtObj.mjOBJ_ACTUATOR:
+        driven: Mapping[int, Any] = {
+            mjtTrn.mjTRN_JOINT: mjtObj.mjOBJ_JOINT,
+            mjtTrn.mjTRN_JOINTINPARENT: mjtObj.mjOBJ_JOINT,
+            mjtTrn.mjTRN_SITE: mjtObj.mjOBJ_SITE,
+            mjtTrn.mjTRN_BODY: mjtObj.mjOBJ_BODY,
+        }
+        kind = driven.get(model.actuator_trntype[i])
+        return _find_point(model, kind, int(model.actuator_trnid[i, 0]))
+    if kind == mjtObj.mjOBJ_JOINT:
+        return int(model.jnt_bodyid[i]), model.jnt_pos[i]
+    if kind == mjtObj.mjOBJ_GEOM:
+        return int(model.geom_bodyid[i]), model.geom_pos[i]
+    if kind == mjtObj.mjOBJ_SITE:
+        return int(model.site_bodyid[i]), model.site_pos[i]
+    if kind in (mjtObj.mjOBJ_BODY, mjtObj.mjOBJ_XBODY):
+        return i, model.body_ipos[i]
+    return 0, np.zeros(3)

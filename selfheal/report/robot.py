@@ -1,0 +1,235 @@
+"""The robot of a diagnosis: poses and findings in, its film and its picture out."""
+
+import base64
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..body.body import Floats
+from ..diagnosis.output.result import Diagnosis, PoseTrace
+from ..recording import read_spec
+from .film import encode_webp, join_strips
+from .marks import Mark, find_marks
+from .motion import embed_animation
+from .page import Html, Section, escape_text
+from .picture import BLUE, COLORS, GREEN, MUTED, shorten_label
+from .render import Scene, View, find_view, furnish, render_scenes
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
+_WIDTH = 480  # of each picture [px]; chosen: two of them fill the page
+_FLATTEST, _STEEPEST = 0.45, 1.0  # height of a picture by its width; chosen
+_ELEVATION = np.radians(20)  # of the camera above the horizon; chosen
+_GHOST = 0.5  # opacity of the measured robot; chosen
+_PLAIN = (0.72, 0.75, 0.78, 1.0)  # of a body without a finding; chosen
+_SHORTEST = 4.0  # [s] that a film takes; chosen: what was faster is slowed down
+_FARTHEST = 1e4  # [m] of a body, beyond which a model counts as diverged; chosen
+_LINE = 0.045  # of names beside a picture, by its width; chosen
+TITLE = "The robot"
+NOTHING_RENDERS = (
+    "There is no film and no picture of the robot: MuJoCo could not render here. It "
+    "needs OpenGL by EGL or OSMesa (Debian: apt install libegl1 libgl1-mesa-dri)."
+)
+
+
+def make_robot_sections(diagnosis: Diagnosis) -> list[Section]:
+    """The film of the worst stretch, and the robot with its findings lit.
+
+    None of a diagnosis without poses.
+    """
+    if diagnosis.poses is None:
+        return []
+    poses = _hold_where_diverged(diagnosis.poses)
+    model, view = _build_model(diagnosis.model, poses)
+    marks, elsewhere = find_marks(model, diagnosis)
+    scenes = _make_film_scenes(model, view, poses)
+    scenes.append(_make_picture_scene(model, view, poses, marks))
+    shown = render_scenes(scenes)
+    if shown is None:
+        return [Section(TITLE, (NOTHING_RENDERS,))]
+    film = _embed_film(poses, np.stack(shown[:2]), bool(diagnosis.document["findings"]))
+    if not marks:
+        return [Section(TITLE, (film,))]
+    picture = _embed_picture(shown[2][0], view, poses, marks, elsewhere)
+    return [Section(TITLE, (picture, film))]
+
+
+def _hold_where_diverged(poses: PoseTrace) -> PoseTrace:
+    """The same poses, but for models that diverged: they stand still from then on."""
+
+    def hold(given: Floats) -> Floats:
+        far = ~(np.abs(given[..., :3]) < _FARTHEST).all(axis=(1, 2))
+        far |= ~np.isfinite(given).all(axis=(1, 2))
+        last = int(np.argmax(far)) if far.any() else len(given)
+        kept = np.minimum(np.arange(len(given)), max(last - 1, 0))
+        return poses.measured if last == 0 else given[kept]
+
+    return replace(poses, given=hold(poses.given), patched=hold(poses.patched))
+
+
+def _build_model(path: str, poses: PoseTrace) -> tuple["MjModel", View]:
+    """The model as given, compiled with light and a camera that sees the robot."""
+    spec = read_spec(path)
+    bare = spec.compile()
+    moving = np.flatnonzero(bare.body_weldid[1:])  # of the poses; others stand still
+    shown = np.concatenate([poses.measured, poses.patched])
+    points = _list_corners(bare, shown)
+    view = find_view(points, _find_motion(shown[:, moving, :2]), _ELEVATION,
+                     _FLATTEST, _STEEPEST)  # fmt: skip
+    furnish(spec, view, _size_picture(view))
+    return spec.compile(), view
+
+
+def _size_picture(view: View) -> tuple[int, int]:
+    """Height and width [px]."""
+    return round(_WIDTH * view.aspect), _WIDTH
+
+
+def _list_corners(model: "MjModel", poses: Floats) -> Floats:
+    """Points (N, 3) [m] round all that bodies (F, B, 7) carry."""
+    from scipy.spatial.transform import Rotation
+
+    found = [poses[..., :3].reshape(-1, 3)]
+    for g in np.flatnonzero(model.geom_bodyid):
+        pose = poses[:, model.geom_bodyid[g] - 1]
+        turn = Rotation.from_quat(pose[:, 3:], scalar_first=True)
+        center = pose[:, :3] + turn.apply(model.geom_pos[g])
+        radius = float(model.geom_rbound[g])
+        found += [center - radius, center + radius]
+    return np.concatenate(found)
+
+
+def _find_motion(places: Floats) -> float:
+    """The horizontal direction [rad] along which bodies (F, B, 2) move most."""
+    apart = (places - places.mean(axis=0)).reshape(-1, 2)
+    _, axes = np.linalg.eigh(apart.T @ apart)
+    along = axes[:, -1] if apart.any() else np.array([1.0, 0.0])
+    return float(np.arctan2(*(along * (1 if along[0] >= 0 else -1))[::-1]))
+
+
+def _paint_robot(model: "MjModel", color: Any) -> Floats:
+    """Colors (ngeom, 4) in which all bodies have one and the world its own."""
+    paint = np.full((model.ngeom, 4), np.nan)
+    paint[model.body_weldid[model.geom_bodyid] > 0] = color
+    return paint
+
+
+def _make_film_scenes(model: "MjModel", view: View, poses: PoseTrace) -> list[Scene]:
+    """The model as given and the patched one, the measured robot over each."""
+    from matplotlib.colors import to_rgba
+
+    ghost = _paint_robot(model, to_rgba(GREEN, _GHOST))
+    return [
+        Scene(model, _size_picture(view), predicted,
+              {"paint": _paint_robot(model, to_rgba(color)), "ghost": poses.measured,
+               "ghost_paint": ghost})
+        for predicted, color in ((poses.given, MUTED), (poses.patched, BLUE))
+    ]  # fmt: skip
+
+
+def _make_picture_scene(
+    model: "MjModel", view: View, poses: PoseTrace, marks: Iterable[Mark]
+) -> Scene:
+    """The measured robot at the stretch's begin, with marked bodies in color."""
+    from matplotlib.colors import to_rgba
+
+    paint = _paint_robot(model, _PLAIN)
+    for mark, color in _color_marks(marks):
+        paint[model.geom_bodyid == mark.body] = to_rgba(color)
+    return Scene(model, _size_picture(view), poses.measured[:1], {"paint": paint})
+
+
+def _color_marks(marks: Iterable[Mark]) -> list[tuple[Mark, str]]:
+    """Each mark with the color of its body."""
+    marks = list(marks)
+    bodies = list(dict.fromkeys(mark.body for mark in marks))
+    return [(m, COLORS[bodies.index(m.body) % len(COLORS)]) for m in marks]
+
+
+def _embed_film(poses: PoseTrace, shown: np.ndarray, is_named: bool) -> Html:
+    """The two pictures beside each other, moving."""
+    titles = (
+        "the model as given",
+        "with the findings" if is_named else "with stated values re-fitted",
+    )
+    took = float(np.ptp(poses.time))
+    takes = max(took, _SHORTEST)
+    slower = f" ({takes / took:.2g} times slower)" if takes > 1.05 * took else ""
+    caption = (
+        f"Green: the robot as measured, over what each model predicts, in the held-out "
+        f"stretch in which it was worst: {took:.3g} s of episode {poses.episode} from "
+        f"{poses.time[0]:.3g} s, shown in {takes:.3g} s{slower}. Rendered by MuJoCo."
+    )
+    if poses.unread:
+        names = ", ".join(map(shorten_label, poses.unread[:3]))
+        more = ", ..." if len(poses.unread) > 3 else ""
+        caption += (
+            f" Nothing reads {names}{more}: there the green robot moves as the model "
+            "as given."
+        )
+    frames = join_strips(titles, shown, beside=True)
+    film = encode_webp(frames, duration=takes / len(frames))
+    return embed_animation(film, "webp", caption)
+
+
+def _embed_picture(
+    shown: np.ndarray, view: View, poses: PoseTrace, marks: list[Mark],
+    elsewhere: list[str],
+) -> Html:  # fmt: skip
+    """The picture of the robot, with lines from its lit places to their names.
+
+    Args:
+        shown: (height, width, 3) uint8.
+        view: of the camera.
+        poses: of which the first measured ones are shown.
+        marks: of the findings.
+        elsewhere: findings that are nowhere on the robot.
+    """
+    from scipy.spatial.transform import Rotation
+
+    pose = poses.measured[0, [mark.body - 1 for mark in marks]]
+    turn = Rotation.from_quat(pose[:, 3:], scalar_first=True)
+    points = pose[:, :3] + turn.apply([mark.point for mark in marks])
+    at = _WIDTH * view.project(points)
+    colored = _color_marks(marks)
+    order = np.argsort(at[:, 1], kind="stable")
+    step, size = _LINE * _WIDTH, 0.7 * _LINE * _WIDTH
+    height = max(shown.shape[0], step * (len(marks) + 1))
+    lines: list[str] = []
+    top = step
+    for i in order:
+        mark, color = colored[i]
+        y = max(top, float(at[i, 1]))
+        y = min(y, height - step * (len(order) - len(lines) - 0.5))
+        top, (x, end) = y + step, at[i]
+        lines.append(
+            f'<path d="M{x:.1f} {end:.1f}L{_WIDTH:.1f} {y:.1f}" stroke="{color}" '
+            f'stroke-width="1.5" fill="none"/><circle cx="{x:.1f}" cy="{end:.1f}" '
+            f'r="4" fill="{color}"/><text x="{_WIDTH + 6}" y="{y + size / 3:.1f}" '
+            f'font-size="{size:.1f}" fill="var(--ink)">{escape_text(mark.name)}</text>'
+        )
+    caption = "What the findings are about, on the robot as measured."
+    if elsewhere:
+        caption += f" Not of one part: {', '.join(elsewhere)}."
+    return _frame_picture(shown, height, lines, caption)
+
+
+def _frame_picture(
+    shown: np.ndarray, height: float, lines: list[str], caption: str
+) -> Html:
+    """A picture with marks drawn over it and names beside it, inline."""
+    from PIL import Image
+
+    still = base64.b64encode(encode_webp([Image.fromarray(shown)])).decode("ascii")
+    drawn = "".join(lines)
+    said = escape_text(caption)
+    return Html(
+        f'<figure><svg role="img" aria-label="{said}" '
+        f'viewBox="0 0 {2 * _WIDTH} {height:.0f}">'
+        f'<image width="{_WIDTH}" height="{shown.shape[0]}" '
+        f'href="data:image/webp;base64,{still}"/>{drawn}</svg>'
+        f"<figcaption>{said}</figcaption></figure>"
+    )
