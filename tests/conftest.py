@@ -1,5 +1,6 @@
 """What several tests start from: a small recording, and the real ones."""
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -8,6 +9,15 @@ import pytest
 
 from selfheal.recording import Episode, Recording, Signal
 from tests.support.paths import RECORDINGS
+
+# a film takes seconds; who tests one takes `renderer`
+os.environ["MUJOCO_GL"] = "disable"
+
+
+@pytest.fixture
+def renderer(monkeypatch) -> None:
+    """What the page renders is rendered."""
+    monkeypatch.delenv("MUJOCO_GL")
 
 
 @pytest.fixture(scope="session")

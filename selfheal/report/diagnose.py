@@ -11,6 +11,7 @@ from ..diagnosis.effects import load_catalogue
 from ..diagnosis.effects.base import implements
 from ..diagnosis.effects.nominal import is_unidentified
 from ..diagnosis.output.result import Diagnosis, Localization
+from ..extras import format_install
 from . import figures, tables
 from .errors import (
     format_errors,
@@ -20,7 +21,9 @@ from .errors import (
     state_errors,
 )
 from .facts import format_percent
+from .live import EXTRA, is_live_available, make_live_curves
 from .page import (
+    NOTHING,
     Html,
     Section,
     format_diff,
@@ -58,10 +61,11 @@ def make_diagnosis_page(
         recordings: the files that it was compared with.
     """
     with use_page_style():
+        traces, scripts = _make_traces_section(diagnosis)
         sections = [
             _make_findings_section(diagnosis),
             _make_errors_section(diagnosis),
-            _make_traces_section(diagnosis),
+            traces,
             *make_robot_sections(diagnosis),
             _make_map_section(diagnosis.located),
             _make_candidates_section(diagnosis),
@@ -73,7 +77,7 @@ def make_diagnosis_page(
         ]
     title = f"Diagnosis of {Path(model).name}"
     said = state_verdict(diagnosis.document), *state_errors(diagnosis.document["fit"])
-    return whole(title, sections, lead=" ".join(said))
+    return whole(title, sections, lead=" ".join(said), scripts=scripts)
 
 
 # ---- in words
@@ -225,17 +229,23 @@ def _make_errors_section(diagnosis: Diagnosis) -> Section:
     return Section("Before and after", tuple(body))
 
 
-def _make_traces_section(diagnosis: Diagnosis) -> Section:
-    """The worst stretches."""
+def _make_traces_section(diagnosis: Diagnosis) -> tuple[Section, list[str]]:
+    """The worst stretches, and the scripts that make them zoom."""
     chosen = [t for t in diagnosis.traces if len(t.time)][:_MOST_TRACES]
     title = "Measured against predicted, where it was worst"
     if not chosen:
-        return Section(title, ("There is no held-out stretch to show.",))
+        return Section(title, ("There is no held-out stretch to show.",)), []
     caption = (
         "Held-out stretches, none of them seen by the fit. Below each: predicted minus "
         "measured. A curve that leaves the picture is further off."
     )
-    return Section(title, (embed_figure(figures.draw_traces(chosen), caption),))
+    fig, live = figures.draw_traces(chosen), NOTHING
+    scripts: list[str] = []
+    if is_live_available():
+        live, scripts = make_live_curves(chosen, fig)
+    else:
+        caption += f" With more libraries they zoom: {format_install(EXTRA)}"
+    return Section(title, (embed_figure(fig, caption, live),)), scripts
 
 
 def _make_map_section(located: Localization) -> Section:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..body.body import Floats
 from ..diagnosis.output.result import Diagnosis
+from .picture import shorten_label
 
 if TYPE_CHECKING:
     from mujoco import MjModel
@@ -47,11 +48,12 @@ def find_marks(model: "MjModel", diagnosis: Diagnosis) -> tuple[list[Mark], list
             kind, _, element = reads.get(name, "").partition(":")
         else:
             element = name
+        place, said = shorten_label(name or target), ", ".join(found)
         body, point = _find_point(model, *_find_element(model, kind, element))
         if body:
-            marks.append(Mark(body, point, f"{name}: {', '.join(found)}"))
+            marks.append(Mark(body, point, f"{place}: {said}"))
         else:
-            elsewhere.append(f"{', '.join(found)} ({name or target})")
+            elsewhere.append(f"{said} ({place})")
     return marks, elsewhere
 
 
@@ -78,7 +80,7 @@ def _find_point(model: "MjModel", kind: Any, i: int) -> tuple[int, Floats]:
             mjtTrn.mjTRN_SITE: mjtObj.mjOBJ_SITE,
             mjtTrn.mjTRN_BODY: mjtObj.mjOBJ_BODY,
         }
-        kind = driven.get(model.actuator_trntype[i])
+        kind = driven.get(mjtTrn(int(model.actuator_trntype[i])))
         return _find_point(model, kind, int(model.actuator_trnid[i, 0]))
     if kind == mjtObj.mjOBJ_JOINT:
         return int(model.jnt_bodyid[i]), model.jnt_pos[i]

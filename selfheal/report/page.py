@@ -5,6 +5,8 @@ only the functions here make. The page asks for nothing from anywhere: its polic
 forbids it.
 """
 
+import base64
+import hashlib
 import html
 import os
 from collections.abc import Iterable, Sequence
@@ -146,24 +148,43 @@ def _shorten_line(line: str) -> str:
     return line[: _LONGEST_LINE - 1] + "\N{HORIZONTAL ELLIPSIS}"
 
 
-def make_page(title: str, sections: Iterable[Section], *, lead: str) -> str:
+def make_page(
+    title: str,
+    sections: Iterable[Section],
+    *,
+    lead: str,
+    scripts: Sequence[str] = (),
+) -> str:
     """The whole page.
 
     Args:
         title: of the page.
         sections: in order.
         lead: a few sentences below the title.
+        scripts: that it runs in the end, and no others: its policy has their digests.
     """
     body = "\n".join(map(_format_section, sections))
+    policy = _make_policy(scripts)
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape_text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
         f"<header><h1>{escape_text(title)}</h1><p "
         f'class="lead">{escape_text(lead)}</p></header>\n'
-        f"<main>\n{body}\n</main>\n</body>\n</html>\n"
+        f"<main>\n{body}\n</main>\n"
+        + "".join(f"<script>{script}</script>\n" for script in scripts)
+        + "</body>\n</html>\n"
     )
+
+
+def _make_policy(scripts: Sequence[str]) -> str:
+    """What the page may load: nothing, and run: these scripts."""
+    if not scripts:
+        return _POLICY
+    digests = (hashlib.sha256(script.encode()).digest() for script in scripts)
+    allowed = " ".join(f"'sha256-{base64.b64encode(d).decode()}'" for d in digests)
+    return f"{_POLICY}; script-src {allowed}"
 
 
 def _format_section(section: Section) -> str:
@@ -185,6 +206,7 @@ def write_page(page: str, path: str | os.PathLike[str]) -> None:
     write_text(path, page)
 
 
+NOTHING = Html("")
 SPACES = "\n\t"  # that may stand in markup
 _LONGEST_TEXT = 20_000  # of one piece of text; chosen: a list of some hundred files
 _MOST_LINES, _LONGEST_LINE = 400, 300  # of a diff; chosen
@@ -212,6 +234,11 @@ figure { margin: 1rem 0; padding: .9rem; background: var(--card);
 figure svg, figure img { display: block; width: 100%; height: auto; }
 @media (max-width: 45rem) { figure { overflow-x: auto; }
   figure svg, figure img { min-width: 42rem; } }
+.live { background: #ffffff; }
+.live p { margin: .3rem 0 0; color: #1b1f24; font-weight: 600; }
+@media screen { .live:has(> div > *) ~ :is(svg, img) { display: none; }
+  .live:not(:has(> div > *)) { display: none; } }
+@media print { .live { display: none; } }
 figure svg text { font-family: inherit !important; }
 figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;
   max-width: 52rem; }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..body.body import Floats
 from ..printable import escape_unprintable, make_printable
-from .page import SPACES, Html, escape_text
+from .page import NOTHING, SPACES, Html, escape_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -81,12 +81,13 @@ def shorten_label(value: object) -> str:
     return printable
 
 
-def embed_figure(fig: "Figure", caption: str) -> Html:
+def embed_figure(fig: "Figure", caption: str, live: Html = NOTHING) -> Html:
     """A figure with its caption, inline: SVG, or PNG where that is smaller.
 
     Args:
         fig: made inside `style()`, as is this call.
         caption: below it; also what a screen reader says.
+        live: what stands in its place on a screen, once a script has filled it.
     """
     drawn = _encode_svg(fig)
     if len(drawn) > _LARGEST_SVG:
@@ -97,7 +98,7 @@ def embed_figure(fig: "Figure", caption: str) -> Html:
             "<svg ", f'<svg role="img" aria-label="{escape_text(caption)}" ', 1
         )
     return Html(
-        f"<figure>{picture}<figcaption>{escape_text(caption)}</figcaption></figure>"
+        f"<figure>{live}{picture}<figcaption>{escape_text(caption)}</figcaption></figure>"
     )
 
 

@@ -23,6 +23,7 @@ _WIDTH = 720  # [px]; chosen
 _FLATTEST, _STEEPEST = 0.2, 0.45  # height of a picture by its width; chosen
 _ELEVATION = np.radians(28)  # of the camera above the ground; chosen
 _AWAY = 3.0  # the camera's distance by the width that it sees; chosen
+_THINNEST = 1e-4  # [m] of what is seen; chosen: not zero
 _MARGIN = 1.06  # round what has to be seen; chosen
 SQUARE = 0.25  # [m] of the floor's pattern; chosen
 _SHADOW, _SAMPLES = 1024, 2  # [px], in a pixel; a software driver's time is in these
@@ -163,7 +164,7 @@ def find_view(
     axes = np.array([right, np.cross(toward, right), toward])
     seen = points @ axes.T
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    seen -= middle
+    seen = np.vstack([seen - middle, _THINNEST * np.eye(3)])
     away = _AWAY * float(np.ptp(seen, axis=0).max())
     spread = np.abs(seen[:, :2] / (away - seen[:, 2:])).max(axis=0)
     half, high = _MARGIN * spread  # tangents
@@ -187,10 +188,12 @@ def furnish(spec: "MjSpec", view: View, size: tuple[int, int]) -> None:
 
     if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
         spec.add_texture(
-            name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=16, height=96,
-            builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1], rgb2=[1, 1, 1],
+            name=f"{CAMERA} sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=16,
+            height=96, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1],
+            rgb2=[1, 1, 1],
         )  # fmt: skip
-    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.35] * 3
+    bright = 0.35 if spec.lights else 0.6
+    spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [bright] * 3
     spec.visual.headlight.specular = [0.05] * 3
     spec.visual.quality.shadowsize = _SHADOW
     spec.visual.quality.offsamples = _SAMPLES

@@ -29,9 +29,11 @@ _SHORTEST = 4.0  # [s] that a film takes; chosen: what was faster is slowed down
 _FARTHEST = 1e4  # [m] of a body, beyond which a model counts as diverged; chosen
 _LINE = 0.045  # of names beside a picture, by its width; chosen
 TITLE = "The robot"
+NO_SHAPE = "There is no film of the robot: no body that moves has a geom."
 NOTHING_RENDERS = (
     "There is no film and no picture of the robot: MuJoCo could not render here. It "
-    "needs OpenGL by EGL or OSMesa (Debian: apt install libegl1 libgl1-mesa-dri)."
+    "needs OpenGL by EGL or OSMesa (Debian: apt install libegl1 libgl1-mesa-dri), and "
+    "MUJOCO_GL must not be 'disable'."
 )
 
 
@@ -43,7 +45,10 @@ def make_robot_sections(diagnosis: Diagnosis) -> list[Section]:
     if diagnosis.poses is None:
         return []
     poses = _hold_where_diverged(diagnosis.poses)
-    model, view = _build_model(diagnosis.model, poses)
+    built = _build_model(diagnosis.model, poses)
+    if built is None:
+        return [Section(TITLE, (NO_SHAPE,))]
+    model, view = built
     marks, elsewhere = find_marks(model, diagnosis)
     scenes = _make_film_scenes(model, view, poses)
     scenes.append(_make_picture_scene(model, view, poses, marks))
@@ -61,53 +66,56 @@ def _hold_where_diverged(poses: PoseTrace) -> PoseTrace:
     """The same poses, but for models that diverged: they stand still from then on."""
 
     def hold(given: Floats) -> Floats:
-        far = ~(np.abs(given[..., :3]) < _FARTHEST).all(axis=(1, 2))
-        far |= ~np.isfinite(given).all(axis=(1, 2))
-        last = int(np.argmax(far)) if far.any() else len(given)
-        kept = np.minimum(np.arange(len(given)), max(last - 1, 0))
-        return poses.measured if last == 0 else given[kept]
+        near = np.abs(given[..., :3]) < _FARTHEST  # NaN is not
+        known = int(np.logical_and.accumulate(near.all(axis=(1, 2))).sum())
+        stands = given[known - 1] if known else poses.measured[0]
+        return np.concatenate(
+            [given[:known], np.repeat([stands], len(given) - known, 0)]
+        )
 
     return replace(poses, given=hold(poses.given), patched=hold(poses.patched))
 
 
-def _build_model(path: str, poses: PoseTrace) -> tuple["MjModel", View]:
-    """The model as given, compiled with light and a camera that sees the robot."""
+def _build_model(path: str, poses: PoseTrace) -> tuple["MjModel", View] | None:
+    """The model as given, compiled with light and a camera that sees the robot.
+
+    None where the robot has no shape.
+    """
     spec = read_spec(path)
     bare = spec.compile()
-    moving = np.flatnonzero(bare.body_weldid[1:])  # of the poses; others stand still
+    geoms = np.flatnonzero(bare.body_weldid[bare.geom_bodyid])
+    if not geoms.size:
+        return None
     shown = np.concatenate([poses.measured, poses.patched])
-    points = _list_corners(bare, shown)
-    view = find_view(points, _find_motion(shown[:, moving, :2]), _ELEVATION,
-                     _FLATTEST, _STEEPEST)  # fmt: skip
+    centers = np.stack([_follow_geom(bare, g, shown) for g in geoms.tolist()])
+    apart = bare.geom_rbound[geoms, None, None] * np.vstack([np.eye(3), -np.eye(3)])
+    corners = (centers[..., None, :] + apart[:, None]).reshape(-1, 3)
+    heading = _find_motion(centers[..., :2])
+    view = find_view(corners, heading, _ELEVATION, _FLATTEST, _STEEPEST)
     furnish(spec, view, _size_picture(view))
     return spec.compile(), view
+
+
+def _follow_geom(model: "MjModel", geom: int, poses: Floats) -> Floats:
+    """Where a geom's center is (F, 3) [m] when bodies are in poses (F, B, 7)."""
+    from scipy.spatial.transform import Rotation
+
+    pose = poses[:, model.geom_bodyid[geom] - 1]
+    turn = Rotation.from_quat(pose[:, 3:], scalar_first=True)
+    return pose[:, :3] + turn.apply(model.geom_pos[geom])
+
+
+def _find_motion(places: Floats) -> float:
+    """The horizontal direction [rad] along which geoms (G, F, 2) move most."""
+    apart = (places - places.mean(axis=1, keepdims=True)).reshape(-1, 2)
+    _, axes = np.linalg.eigh(apart.T @ apart)
+    along = axes[:, -1] if apart.any() else np.array([1.0, 0.0])
+    return float(np.arctan2(*(along * (1 if along[0] >= 0 else -1))[::-1]))
 
 
 def _size_picture(view: View) -> tuple[int, int]:
     """Height and width [px]."""
     return round(_WIDTH * view.aspect), _WIDTH
-
-
-def _list_corners(model: "MjModel", poses: Floats) -> Floats:
-    """Points (N, 3) [m] round all that bodies (F, B, 7) carry."""
-    from scipy.spatial.transform import Rotation
-
-    found = [poses[..., :3].reshape(-1, 3)]
-    for g in np.flatnonzero(model.geom_bodyid):
-        pose = poses[:, model.geom_bodyid[g] - 1]
-        turn = Rotation.from_quat(pose[:, 3:], scalar_first=True)
-        center = pose[:, :3] + turn.apply(model.geom_pos[g])
-        radius = float(model.geom_rbound[g])
-        found += [center - radius, center + radius]
-    return np.concatenate(found)
-
-
-def _find_motion(places: Floats) -> float:
-    """The horizontal direction [rad] along which bodies (F, B, 2) move most."""
-    apart = (places - places.mean(axis=0)).reshape(-1, 2)
-    _, axes = np.linalg.eigh(apart.T @ apart)
-    along = axes[:, -1] if apart.any() else np.array([1.0, 0.0])
-    return float(np.arctan2(*(along * (1 if along[0] >= 0 else -1))[::-1]))
 
 
 def _paint_robot(model: "MjModel", color: Any) -> Floats:

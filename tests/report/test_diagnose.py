@@ -24,48 +24,17 @@ from tests.support.browser import (
 from tests.support.hostile.names import find_raw
 from tests.support.made_up_diagnosis import (
     DELAY,
-    DIFF,
     FINDING,
     NAN,
     PLAY,
     SUM,
     make_diagnosis,
     make_document,
+    make_hostile_diagnosis,
     make_trace,
     read_page_words,
     write_page_text,
 )
-
-ODD = "\ud800\x07\u202e\x9b31m\x1b]0;\u2028"  # what cannot be seen
-
-
-def _hostile() -> Diagnosis:
-    """A diagnosis in which every text tries to break out of the page."""
-
-    def spoil(value):
-        if isinstance(value, dict):
-            return {key: spoil(each) for key, each in value.items()}
-        if isinstance(value, list):
-            return [spoil(each) for each in value]
-        return f"{value}{HOSTILE}{ODD}" if isinstance(value, str) else value
-
-    given = make_diagnosis(findings=(FINDING, DELAY))
-    names = tuple(map(spoil, given.located.signals))
-    return replace(
-        given,
-        document={**spoil(given.document), "verdict": "explained"},
-        diff=spoil(DIFF) + f"\n+{HOSTILE}",
-        traces=tuple(
-            replace(t, episode=HOSTILE, signal=HOSTILE, unit="$\\frac{x$")
-            for t in given.traces
-        ),
-        located=replace(given.located, signals=names, regimes=(HOSTILE,) * 6),
-        signals=tuple(replace(s, name=spoil(s.name)) for s in given.signals),
-        candidates=tuple(
-            replace(c, effect=HOSTILE, target=HOSTILE) for c in given.candidates
-        ),
-        remarks=(HOSTILE,),
-    )
 
 
 @pytest.mark.parametrize(
@@ -182,7 +151,7 @@ def test_a_change_is_colored_and_escaped():
 
 
 def test_names_come_out_escaped():
-    made = write_page_text(_hostile())
+    made = write_page_text(make_hostile_diagnosis())
     assert "<script" not in made and "alert(1)" in made
     assert html.escape(HOSTILE) in made
     assert not find_raw(made) and r"\u202e" in made
@@ -259,7 +228,7 @@ def test_a_large_diagnosis_stays_below_five_megabytes():
 @pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium (Debian: apt install)")
 @pytest.mark.parametrize(
-    "diagnosis", [make_diagnosis(), _hostile()], ids=["plain", "x"]
+    "diagnosis", [make_diagnosis(), make_hostile_diagnosis()], ids=["plain", "x"]
 )
 def test_a_browser_finds_no_error_and_every_picture_drawn(diagnosis, browse, tmp_path):
     made = write_page_text(diagnosis)

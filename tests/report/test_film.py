@@ -53,20 +53,21 @@ def _moves(frames):
 
 @pytest.mark.parametrize("program", [None, "/bin/false", "/not/there"])
 def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
-    if program is None:
-        monkeypatch.setenv("MUJOCO_GL", "disable")
-    else:  # as where the driver ends the process, or none can be started
+    if (
+        program is not None
+    ):  # as where the driver ends the process, or none can be started
+        monkeypatch.delenv("MUJOCO_GL")
         monkeypatch.setattr(render.sys, "executable", program)
     kind, frames = _frames(make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
     assert kind == "gif" and _moves(frames)
 
 
-def test_a_driver_that_does_not_answer_is_given_up(monkeypatch):
+def test_a_driver_that_does_not_answer_is_given_up(monkeypatch, renderer):
     monkeypatch.setattr(render, "_LONGEST", 0.01)
     assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
 
 
-def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
+def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch, renderer):
     def blank(command, **more):
         for k in range(2):
             np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
@@ -79,14 +80,16 @@ def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch):
 @pytest.fixture(scope="module")
 def opengl():
     """The picture that EGL or OSMesa renders here."""
-    shown = render.render_lanes(_lanes(0.0), 0.0, [0, ROWS - 1])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MUJOCO_GL")
+        shown = render.render_lanes(_lanes(0.0), 0.0, [0, ROWS - 1])
     if shown is None:
         pytest.skip("no EGL and no OSMesa here (libegl1 and libgl1-mesa-dri have one)")
     return shown
 
 
 @pytest.mark.slow
-def test_with_opengl_the_walk_is_rendered(opengl):
+def test_with_opengl_the_walk_is_rendered(opengl, renderer):
     page = make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
     kind, frames = _frames(page)
     assert kind == "webp" and _moves(frames)
@@ -101,7 +104,7 @@ def _column(picture, color):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("heading", [0.0, 2.0])
-def test_the_way_along_the_heading_goes_to_the_right(opengl, heading):
+def test_the_way_along_the_heading_goes_to_the_right(opengl, heading, renderer):
     shown = render.render_lanes(_lanes(heading), heading, [0, ROWS - 1])
     (start, end), stays = shown[0], shown[1]
     blue = np.array([0, 114, 178])

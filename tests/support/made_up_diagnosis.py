@@ -1,8 +1,10 @@
 """A diagnosis of made-up numbers, for its page and its command."""
 
 import copy
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from selfheal.diagnosis.output.result import (
     Candidate,
@@ -11,10 +13,12 @@ from selfheal.diagnosis.output.result import (
     SignalFit,
     Trace,
 )
+from selfheal.report import diagnose
 from selfheal.report.diagnose import make_diagnosis_page
-from tests.support.browser import draw_nothing, read_words
+from tests.support.browser import HOSTILE, draw_nothing, read_words
 
 NAN = float("nan")
+ODD = "\ud800\x07\u202e\x9b31m\x1b]0;\u2028"  # what cannot be seen
 REGIMES = ("reversal", "slow", "fast", "high_load", "after_step", "always")
 FINDING = {
     "effect": "coulomb_friction",
@@ -144,9 +148,40 @@ def make_diagnosis(
     )
 
 
-def write_page_text(diagnosis: Diagnosis) -> str:
-    """The page of a diagnosis as HTML."""
-    return make_diagnosis_page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
+def make_hostile_diagnosis() -> Diagnosis:
+    """A diagnosis in which every text tries to break out of the page."""
+
+    def spoil(value):
+        if isinstance(value, dict):
+            return {key: spoil(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [spoil(each) for each in value]
+        return f"{value}{HOSTILE}{ODD}" if isinstance(value, str) else value
+
+    given = make_diagnosis(findings=(FINDING, DELAY))
+    names = tuple(map(spoil, given.located.signals))
+    return replace(
+        given,
+        document={**spoil(given.document), "verdict": "explained"},
+        diff=spoil(DIFF) + f"\n+{HOSTILE}",
+        traces=tuple(
+            replace(t, episode=HOSTILE, signal=HOSTILE, unit="$\\frac{x$")
+            for t in given.traces
+        ),
+        located=replace(given.located, signals=names, regimes=(HOSTILE,) * 6),
+        signals=tuple(replace(s, name=spoil(s.name)) for s in given.signals),
+        candidates=tuple(
+            replace(c, effect=HOSTILE, target=HOSTILE) for c in given.candidates
+        ),
+        remarks=(HOSTILE,),
+    )
+
+
+def write_page_text(diagnosis: Diagnosis, *, live: bool = False) -> str:
+    """The page of a diagnosis as HTML, with or without scripts."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(diagnose, "is_live_available", lambda: live)
+        return make_diagnosis_page(diagnosis, "models/leg.xml", ["a.h5", "b.h5"])
 
 
 def read_page_words(diagnosis: Diagnosis) -> str:
