@@ -4,11 +4,11 @@
 
 OpenGL is chosen when mujoco is imported, and a bad driver ends the process that asks
 it: so `render.py` runs this file and does without it where it fails. FOLDER holds for
-each scene k a compiled model_k.mjb with a camera named `CAMERA`, and scene_k.npz with
-`size` (height, width) [px], `poses` (F, B, 7), and what it needs of `paint` (ngeom, 4),
-colors of geoms, `ghost` (F, B, 7), where the robot stands a second time, and
-`ghost_paint` (ngeom, 4). pictures_k.npy is (F, height, width, 3) uint8. A pose is the
-origin [m] and the quaternion of a body; the world has none.
+each scene k a compiled model_k.mjb with a camera named `CAMERA`, and scene_k.npz. That
+has `size` (height, width) [px] and `poses` (F, B, 7): origin [m] and quaternion of each
+body but the world. It may have `paint` (ngeom, 4), colors of geoms. It may have `ghost`
+(F, B, 7), where the robot stands a second time, with its `ghost_paint` (ngeom, 4).
+pictures_k.npy is (F, height, width, 3) uint8.
 """
 
 import os

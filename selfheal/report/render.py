@@ -180,7 +180,13 @@ def find_view(
 
 
 def furnish(spec: "MjSpec", view: View, size: tuple[int, int]) -> None:
-    """Give a model white above, soft light, and the camera of a view."""
+    """Give a model white above, soft light, and the camera of a view.
+
+    Args:
+        spec: of the model; changed.
+        view: of the camera.
+        size: height and width of its pictures [px].
+    """
     import mujoco
     from scipy.spatial.transform import Rotation
 

@@ -69,9 +69,8 @@ def _hold_where_diverged(poses: PoseTrace) -> PoseTrace:
         near = np.abs(given[..., :3]) < _FARTHEST  # NaN is not
         known = int(np.logical_and.accumulate(near.all(axis=(1, 2))).sum())
         stands = given[known - 1] if known else poses.measured[0]
-        return np.concatenate(
-            [given[:known], np.repeat([stands], len(given) - known, 0)]
-        )
+        after = np.repeat([stands], len(given) - known, axis=0)
+        return np.concatenate([given[:known], after])
 
     return replace(poses, given=hold(poses.given), patched=hold(poses.patched))
 

@@ -89,9 +89,7 @@ def build_diagnosis(
     text, diff, edits, unpatched = patch_or_nominal(
         dataset, patched.terms, patched.values
     )
-    traces, poses = _make_traces(
-        dataset, proof.segments, proof.refits["refit"], patched
-    )
+    traces, poses = _make_traces(dataset, proof, patched)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -219,7 +217,7 @@ def build_patch(
 
 
 def _make_traces(
-    dataset: Dataset, segments: Segments, refit: Fit, patched: Fit
+    dataset: Dataset, proof: HeldOutScores, patched: Fit
 ) -> tuple[tuple[Trace, ...], PoseTrace | None]:
     """The worst stretches of the held-out episodes, by the re-fitted model.
 
@@ -228,12 +226,12 @@ def _make_traces(
 
     Args:
         dataset: with the held-out episodes.
-        segments: of those, whole.
-        refit: of the nominal values alone.
+        proof: the segments that were replayed, and the re-fitted model.
         patched: with the named effects.
     """
-    simulator = dataset.held_out.native
-    models = [((), np.zeros(0))] + [(fit.terms, fit.values) for fit in (refit, patched)]
+    simulator, segments = dataset.held_out.native, proof.segments
+    fits = proof.refits["refit"], patched
+    models = [((), np.zeros(0)), *((fit.terms, fit.values) for fit in fits)]
     predicted = [
         simulator.simulate(terms, values[None], segments)[0] for terms, values in models
     ]

@@ -73,9 +73,9 @@ def test_a_long_stretch_is_shown_where_it_is_worst(tmp_path, monkeypatch):
 
 
 def test_joints_that_nothing_reads_are_named_and_move_as_given(tmp_path):
-    names = [k for e in record(ROBOTS["arm"], seconds=0.1).episodes.values()
-             for k, s in e.signals.items() if "elbow" in k or s.target == "elbow"]  # fmt: skip
-    simulator, segments = _read("arm", tmp_path / "a.xml", drop=names, episodes=1,
+    signals = record(ROBOTS["arm"], seconds=0.1).episodes["000"].signals
+    of_elbow = [k for k, s in signals.items() if "elbow" in f"{k} {s.target}"]
+    simulator, segments = _read("arm", tmp_path / "a.xml", drop=of_elbow, episodes=1,
                                 seconds=0.5)  # fmt: skip
     film = _film(simulator, segments)
     assert film.unread == ("elbow",)
@@ -89,3 +89,12 @@ def test_bodies_need_no_names(tmp_path):
     path.write_text(ROBOTS["pendulum"].xml.replace('<body name="rod"', "<body"))
     nameless = replace(simulator, compiler=ModelCompiler(str(path)))
     assert (_film(nameless, segments).given == named.given).all()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_every_kind_of_robot_begins_where_it_was_measured(name, tmp_path):
+    simulator, segments = _read(name, tmp_path / "a.xml", episodes=1, seconds=0.5)
+    film = _film(simulator, segments)
+    for poses in (film.measured, film.given):
+        assert np.linalg.norm(poses[..., 3:], axis=-1) == pytest.approx(1.0)
+    assert film.given[0] == pytest.approx(film.measured[0], abs=1e-3)
