@@ -49,7 +49,7 @@ FRAMES = 5
 
 def _blind(name, reads):
     nothing = (0.0, 0.0, 0.0)
-    return SignalFit(name, True, nothing, nothing, nothing, 0.0, reads)
+    return SignalFit(name, True, nothing, nothing, nothing, 0.0, reads=reads)
 
 
 @pytest.fixture

@@ -6,19 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ...errors import ModelError
 from ...mjcf.defaults import fold_into_defaults
 from ...mjcf.document import is_urdf
 from ...mjcf.edit import Edit, apply_edits, diff_edits, unified_diff
 from ...recording.data import Floats
-from ..data.robot_summary import Channel
-from ..data.segments import Segments
 from ..effects.base import Term
 from ..effects.nominal import is_unidentified
 from ..estimation.covariance import standard_errors
-from ..estimation.fit import Fit
 from ..estimation.information import Information
 from ..estimation.least_squares import refine_jacobian
 from ..selection.hypotheses import Hypothesis
@@ -31,17 +26,15 @@ from ..selection.structure import RemainingStructure
 from ..simulation import score
 from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
-from ..simulation.simulator import Simulator
 from . import document as doc
 from .finding_location import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
-from .pose_trace import make_pose_trace
-from .result import Candidate, Diagnosis, PoseTrace, SignalFit, Trace
+from .result import Candidate, Diagnosis, SignalFit
+from .traces import make_traces
 from .urdf_patch import explain_urdf, find_urdf
 
 MAX_LISTED_NAMES = 6  # names that a remark lists; chosen
-MAX_TRACES = 4  # stretches that a page may draw; chosen
 # share of what is left that a torque of free form has to explain for a remark; chosen
 MIN_FREE_FORM_SHARE = 0.05
 UNPATCHED = (
@@ -86,10 +79,9 @@ def build_diagnosis(
     refit = doc.build_refit(patched, proof.unrestored.values, errors)
     together = doc.build_unidentified(information)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, together)
-    text, diff, edits, unpatched = patch_or_nominal(
-        dataset, patched.terms, patched.values
-    )
-    traces, poses = _make_traces(dataset, proof, patched)
+    change = patch_or_nominal(dataset, patched.terms, patched.values)
+    text, diff, edits, unpatched = change
+    traces, poses = make_traces(dataset, proof)
     document = {
         "format": "selfheal-diagnosis",
         "version": 1,
@@ -214,97 +206,6 @@ def build_patch(
         given = apply_edits(path, (), home)
         return text, unified_diff(given, text, f"{path.stem}.xml"), changes
     return text, diff_edits(path, changes), changes
-
-
-def _make_traces(
-    dataset: Dataset, proof: HeldOutScores, patched: Fit
-) -> tuple[tuple[Trace, ...], PoseTrace | None]:
-    """The worst stretches of the held-out episodes, by the re-fitted model.
-
-    Of poses that were read once each, all of them in a row. In the worst stretch also
-    the poses of all bodies.
-
-    Args:
-        dataset: with the held-out episodes.
-        proof: the segments that were replayed, and the re-fitted model.
-        patched: with the named effects.
-    """
-    simulator, segments = dataset.held_out.native, proof.segments
-    fits = proof.refits["refit"], patched
-    models = [((), np.zeros(0)), *((fit.terms, fit.values) for fit in fits)]
-    predicted = [
-        simulator.simulate(terms, values[None], segments)[0] for terms, values in models
-    ]
-    worst = []
-    for c in simulator.channels:
-        for k in range(c.first_column, c.first_column + c.width):
-            apart = (predicted[1][:, k] - segments.readings[:, k]) / c.spread
-            square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
-            by_segment = np.bincount(
-                segments.segment_of_sample, square, minlength=len(segments)
-            )
-            w = int(by_segment.argmax())
-            weight = 2 if c.is_scored else 1
-            worst.append((by_segment[w] * weight, c, k, w, square))
-    worst.sort(key=lambda x: -x[0])
-    once = segments.is_single_readings
-    make = _make_reading_trace if once else _make_trace
-    traces = tuple(
-        make(simulator, segments, predicted, c, k, w)
-        for _, c, k, w, _ in worst[:MAX_TRACES]
-    )
-    if once:
-        return traces, None
-    *_, w, square = worst[0]
-    return traces, make_pose_trace(
-        simulator, segments, w, square, (models[0], models[2])
-    )
-
-
-def _column_name(c: Channel, k: int) -> str:
-    """Name of a signal's column, by its number among those of all signals."""
-    return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
-
-
-def _make_reading_trace(
-    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
-) -> Trace:
-    """A column of all poses, over their number.
-
-    Args:
-        simulator: with the poses.
-        segments: with M poses.
-        predicted: (3, M, C) by the model as given, re-fitted, and patched.
-        c: the signal.
-        k: the column, among those of all signals.
-        w: any pose; all are drawn.
-    """
-    pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
-    return Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
-                 *(e[:, k] for e in predicted))  # fmt: skip
-
-
-def _make_trace(
-    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
-) -> Trace:
-    """A column of one segment, over time.
-
-    Args:
-        simulator: with the segment's episode.
-        segments: with M samples.
-        predicted: (3, M, C) by the model as given, re-fitted, and patched.
-        c: the signal.
-        k: the column, among those of all signals.
-        w: the segment.
-    """
-    rows = np.flatnonzero(segments.segment_of_sample == w)
-    episode = simulator.episodes[int(segments.episode[w])]
-    at = (
-        episode.start
-        + (segments.first_step[w] + segments.sample_steps[rows]) * simulator.timestep
-    )
-    return Trace(episode.id, _column_name(c, k), c.unit, at, segments.readings[rows, k],
-                 *(e[rows, k] for e in predicted))  # fmt: skip
 
 
 def _fit_signals(

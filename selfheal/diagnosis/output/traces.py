@@ -1,0 +1,99 @@
+"""The worst stretches: takes replays of held-out episodes, gives curves and poses."""
+
+import numpy as np
+
+from ..data.robot_summary import Channel
+from ..data.segments import Segments
+from ..selection.replay_scores import HeldOutScores
+from ..simulation.dataset import Dataset
+from ..simulation.simulator import Simulator
+from .pose_trace import make_pose_trace
+from .result import PoseTrace, Trace
+
+MAX_TRACES = 4  # stretches that a page may draw; chosen
+
+
+def make_traces(
+    dataset: Dataset, proof: HeldOutScores
+) -> tuple[tuple[Trace, ...], PoseTrace | None]:
+    """The worst stretches of the held-out episodes, by the re-fitted model.
+
+    Of poses that were read once each, all of them in a row. In the worst stretch also
+    the poses of all bodies.
+    """
+    simulator, segments = dataset.held_out.native, proof.segments
+    fits = proof.refits["refit"], proof.refits["patched"]
+    models = [((), np.zeros(0)), *((fit.terms, fit.values) for fit in fits)]
+    predicted = [
+        simulator.simulate(terms, values[None], segments)[0] for terms, values in models
+    ]
+    worst = []
+    for c in simulator.channels:
+        for k in range(c.first_column, c.first_column + c.width):
+            apart = (predicted[1][:, k] - segments.readings[:, k]) / c.spread
+            square = np.nan_to_num(apart**2, nan=0.0, posinf=0.0)
+            by_segment = np.bincount(
+                segments.segment_of_sample, square, minlength=len(segments)
+            )
+            w = int(by_segment.argmax())
+            weight = 2 if c.is_scored else 1
+            worst.append((by_segment[w] * weight, c, k, w, square))
+    worst.sort(key=lambda x: -x[0])
+    once = segments.is_single_readings
+    make = _make_reading_trace if once else _make_trace
+    traces = tuple(
+        make(simulator, segments, predicted, c, k, w)
+        for _, c, k, w, _ in worst[:MAX_TRACES]
+    )
+    if once:
+        return traces, None
+    *_, w, square = worst[0]
+    return traces, make_pose_trace(
+        simulator, segments, w, square, (models[0], models[2])
+    )
+
+
+def _column_name(c: Channel, k: int) -> str:
+    """Name of a signal's column, by its number among those of all signals."""
+    return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
+
+
+def _make_reading_trace(
+    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
+) -> Trace:
+    """A column of all poses, over their number.
+
+    Args:
+        simulator: with the poses.
+        segments: with M poses.
+        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        c: the signal.
+        k: the column, among those of all signals.
+        w: any pose; all are drawn.
+    """
+    pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
+    return Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
+                 *(e[:, k] for e in predicted))  # fmt: skip
+
+
+def _make_trace(
+    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
+) -> Trace:
+    """A column of one segment, over time.
+
+    Args:
+        simulator: with the segment's episode.
+        segments: with M samples.
+        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        c: the signal.
+        k: the column, among those of all signals.
+        w: the segment.
+    """
+    rows = np.flatnonzero(segments.segment_of_sample == w)
+    episode = simulator.episodes[int(segments.episode[w])]
+    at = (
+        episode.start
+        + (segments.first_step[w] + segments.sample_steps[rows]) * simulator.timestep
+    )
+    return Trace(episode.id, _column_name(c, k), c.unit, at, segments.readings[rows, k],
+                 *(e[rows, k] for e in predicted))  # fmt: skip
