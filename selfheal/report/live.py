@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 EXTRA = "interactive"  # of pyproject.toml
 _POINTS = 2000  # most of a curve; chosen: zoomed to a third it still fills a screen
 _HIGH, _LOW = 220, 120  # [px] of a curve, and of what it is off by; chosen
+_TICK = 40  # [px] from one number on an axis to the next, about; chosen
 _CURVES: dict[str, dict[str, Any]] = {
     "given": {"color": MUTED, "line_width": 1.2, "line_dash": "dashed"},
     "refit": {"color": ORANGE, "line_width": 1.4},
@@ -53,7 +54,8 @@ def make_live_curves(traces: Sequence[Trace], fig: "Figure") -> tuple[Html, list
         item = _escape(json.dumps(json_item(_draw_trace(trace, *axes))))
         calls.append(f"Bokeh.embed.embed_item({item}, 'live-{k}');")
         title = escape_text(axes[0].get_title(loc="left"))
-        places.append(f'<p>{title}</p><div id="live-{k}"></div>')
+        place = f'<div class="curves" id="live-{k}"></div>'
+        places.append(f"<div><p>{title}</p>{place}</div>")
     inner = "".join(places)
     return Html(f'<div class="live">{inner}</div>'), [library, "\n".join(calls)]
 
@@ -112,5 +114,6 @@ def _make_plot(axes: "Axes", height: int) -> "figure":
     # a name from a file is no formula
     plot.yaxis.axis_label = PlainText(text=axes.get_ylabel())
     plot.yaxis.minor_tick_line_color = plot.xaxis.minor_tick_line_color = None
+    plot.yaxis.ticker.desired_num_ticks = height // _TICK
     plot.background_fill_color = plot.border_fill_color = None
     return plot

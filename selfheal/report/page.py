@@ -234,10 +234,12 @@ figure { margin: 1rem 0; padding: .9rem; background: var(--card);
 figure svg, figure img { display: block; width: 100%; height: auto; }
 @media (max-width: 45rem) { figure { overflow-x: auto; }
   figure svg, figure img { min-width: 42rem; } }
-.live { background: #ffffff; }
+.live { background: #ffffff; display: grid; gap: 1rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(27rem, 100%), 1fr)); }
+.live > div { min-width: 0; }
 .live p { margin: .3rem 0 0; color: #1b1f24; font-weight: 600; }
-@media screen { .live:has(> div > *) ~ :is(svg, img) { display: none; }
-  .live:not(:has(> div > *)) { display: none; } }
+@media screen { .live:has(.curves > *) ~ :is(svg, img) { display: none; }
+  .live:not(:has(.curves > *)) { display: none; } }
 @media print { .live { display: none; } }
 figure svg text { font-family: inherit !important; }
 figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;

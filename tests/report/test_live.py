@@ -21,7 +21,7 @@ SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 LOOK = """<script>setTimeout(() => {
 const shown = e => getComputedStyle(e).display != "none";
 document.body.dataset.seen = JSON.stringify([
-  [...document.querySelectorAll(".live > div")].map(e => e.children.length > 0),
+  [...document.querySelectorAll(".curves")].map(e => e.children.length > 0),
   [...document.querySelectorAll(".live")].map(shown),
   [...document.querySelectorAll(".live ~ svg")].map(shown)]);
 }, 1000);</script>"""
