@@ -73,4 +73,5 @@ def test_one_module_has_mujoco_read_files():
         for node in ast.walk(ast.parse(path.read_text()))
         if isinstance(node, ast.Attribute) and node.attr in readers
     }
-    assert found == {"mujoco_files.py"}
+    # a process without this package reads what `render.py` has just written
+    assert found == {"mujoco_files.py", "_gl.py"}

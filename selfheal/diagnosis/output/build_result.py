@@ -72,15 +72,14 @@ def build_diagnosis(
         refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
     """
-    patched = proof.refits["patched"]
+    named = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     fit = refine_jacobian(hypothesis.final)
     errors, information = standard_errors(fit), Information.build(fit)
-    refit = doc.build_refit(patched, proof.unrestored.values, errors)
+    refit = doc.build_refit(named, proof.unrestored.values, errors)
     together = doc.build_unidentified(information)
     remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, together)
-    change = patch_or_nominal(dataset, patched.terms, patched.values)
-    text, diff, edits, unpatched = change
+    text, diff, edits, unpatched = patch_or_nominal(dataset, named.terms, named.values)
     traces, poses = make_traces(dataset, proof)
     document = {
         "format": "selfheal-diagnosis",
