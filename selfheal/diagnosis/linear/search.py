@@ -41,7 +41,8 @@ class Search:
     Attributes:
         fit: of what has a name so far.
         path: fits that were reached, each with a move more; the last is the answer.
-        near: fits with other moves that were worth nearly as much as the last one.
+        near: fits with other moves: worth nearly as much as the last one or, where
+            slopes are rough, as much as promises it; simulations may prefer them.
         first_ranking: candidates beside the model as given, each with the share of the
             mean square error that it leaves.
     """
@@ -80,16 +81,9 @@ class Search:
         nets = [(least * gain - price, fit) for gain, price, _, fit in self._earned]
         return sorted(nets, key=lambda each: -each[0])
 
-    def rate(self, fit: LinearFit, squared_error: float) -> float:
-        """Cost [nats] of a set whose predictions have a squared error, with its price.
-
-        Of normal errors whose size nobody knows.
-        """
-        _, rows = self._independence(fit)
-        price = sum(
-            self._price(fit, i, rows) for i in range(fit.stated, len(fit.terms))
-        )
-        return float(0.5 * rows * np.log(squared_error) + price)
+    def _sum_prices(self, fit: LinearFit, rows: float) -> float:
+        """Penalty [nats] of all names of a fit."""
+        return sum(self._price(fit, i, rows) for i in range(fit.stated, len(fit.terms)))
 
     def run(self) -> LinearFit:
         """The set of effects after all moves that are worth it, fitted."""
@@ -106,10 +100,12 @@ class Search:
             if is_fresh:
                 self._directions = self._propose()
             before = {t.key for t in self.fit.named}
+            self.near = []
             if new := self._select(self._directions):
                 (best, _), *others = self._sort_earned()
                 near = [fit for net, fit in others if net > NEAR_SHARE * best]
-                self.fit, self.near, self._earned = new, near[:MOST_NEAR], []
+                self.near = [*near, *self.near][:MOST_NEAR]
+                self.fit, self._earned = new, []
                 for term in new.named:
                     if term.key not in before:
                         self._exchange(term, is_alike=True)
@@ -288,7 +284,8 @@ class Search:
             if is_far or worse == TRIED or failed == most_failed:
                 break
             self.say(f"trying {name_move(move, as_label=True)}", len(fit.named))
-            tried = self._eliminate(add_terms(fit, move, coordinates))
+            added = add_terms(fit, move, coordinates)
+            tried = self._eliminate(added)
             gain, price, share = self._compare(tried)
             # a Jacobian held too long misleads, or leads nowhere
             if not is_rough and (share * gain > price or failed < TRIED):
@@ -302,6 +299,8 @@ class Search:
             if is_small or net < 0 or compute_gains(fit, tried).sum() < 0:
                 self._excluded.add(name_move(move))
                 failed += 1
+                if is_rough and most[id(move)] > 0 and len(self.near) < MOST_NEAR:
+                    self.near.append(added)
                 continue
             earned.append((gain, price, share, tried))
             worse += net <= best
@@ -311,10 +310,7 @@ class Search:
     def _compare(self, tried: LinearFit) -> tuple[float, float, float]:
         """What a fit gains [nats], by how much it has to, and its share of rows."""
         share, rows = self._independence(tried)
-        price, before = (
-            sum(self._price(f, i, rows) for i in range(f.stated, len(f.terms)))
-            for f in (tried, self.fit)
-        )
+        price, before = (self._sum_prices(f, rows) for f in (tried, self.fit))
         return self.fit.cost - tried.cost, price - before, share
 
     def _sum_penalties(self, move: Move, rows: float) -> float:

@@ -12,6 +12,7 @@ from functools import partial
 
 import numpy as np
 
+from ...recording.data import Floats
 from ..estimation.least_squares import fit_parameters
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -21,6 +22,7 @@ from ..linear.search import Search
 from ..linear.segment_errors import SegmentErrors
 from ..linear.torque_balance import TorqueBalance, can_be_linear
 from ..simulation.cache import OutOfTime
+from .judge import is_clearly_better
 from .lengthening import fit_longer
 from .search_record import SearchRecord
 from .search_state import (
@@ -98,8 +100,9 @@ def _alternate(
 ) -> list[SearchState]:
     """States with one move more each, fitted to simulations before the next one.
 
-    Where something touches a linear model holds near its values alone. So moves worth
-    nearly as much as the best one are fitted, too.
+    Where something touches slopes are rough, and a linear model holds near its values
+    alone. Moves that promise much are fitted beside the best one, and made where they
+    predict clearly better (the judge).
 
     Args:
         states: to go on from.
@@ -113,42 +116,27 @@ def _alternate(
         with _keep_unfinished(search, found[-1], rng, record):
             is_moved = search.make_move()
             record.add_tried(search.candidates)
-            state = _keep_ranking(found[-1], search)
-            if not is_moved:
+            state = found[-1] = _keep_ranking(found[-1], search)
+            best, problem = state, states[0].problem
+            if is_moved:
+                search.finish()
+                best = _fit_set(search, search.fit, state, longer, rng, record)
+            for linear in search.near:
+                tried = _fit_set(search, linear, state, longer, rng, record)
+                if is_clearly_better(*(_log_errors(problem, x) for x in (tried, best))):
+                    best = tried
+            if best is state:
                 break
-            search.finish()
-            found.append(
-                _fit_nearest(search, state, states[0].problem, longer, rng, record)
-            )
+            found.append(best)
     return found
 
 
-def _fit_nearest(
-    search: Search,
-    state: SearchState,
-    problem: Problem,
-    longer: Sequence[Problem],
-    rng: np.random.Generator,
-    record: SearchRecord,
-) -> SearchState:
-    """The state with the last move, or one worth nearly as much if it predicts better.
-
-    Args:
-        search: that made the move.
-        state: before it.
-        problem: in whose segments predictions are compared.
-        longer: the problem in longer and longer segments.
-        rng: draws resamples.
-        record: of what was tried and found.
-    """
-    rated = []
-    for linear in (search.fit, *search.near):
-        tried = _fit_set(search, linear, state, longer, rng, record)
-        terms, values = tried.best.terms, tried.best.values
-        posed = marginalize_initial_states(problem, terms, values)
-        squares = (posed.residuals_at(terms, values) ** 2).sum()
-        rated.append((search.rate(linear, float(squares)), tried))
-    return min(rated, key=lambda each: each[0])[1]
+def _log_errors(problem: Problem, state: SearchState) -> list[Floats]:
+    """Errors (W) [nats] of a state's predictions of each segment, for the judge."""
+    fit, segment = state.best, problem.segment_of_residual
+    posed = marginalize_initial_states(problem, fit.terms, fit.values)
+    squares = posed.residuals_at(fit.terms, fit.values) ** 2
+    return [0.5 * np.log(np.bincount(segment, squares, len(problem.segments)))]
 
 
 @contextmanager
