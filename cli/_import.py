@@ -68,10 +68,11 @@ def print_import(report: "ImportReport", path: Path) -> None:
     for offset in report.offsets:
         print_line(_describe_offset(offset))
     if report.lag:
+        ends = dict.fromkeys(f"{1000 * seconds:.0f}" for seconds in report.lag)
         print_line(
-            f"all positions follow their commands {1000 * report.lag[0]:.0f} to "
-            f"{1000 * report.lag[1]:.0f} ms later: the drives' delay and lag, or one "
-            "shift between the two clocks, which this log cannot tell apart."
+            f"all positions follow their commands {' to '.join(ends)} ms later: the "
+            "drives' delay and lag, or one shift between the two clocks, which this "
+            "log cannot tell apart."
         )
     for log, losses in report.losses.items():
         print_line(f"{log} is damaged: {'; '.join(losses)}; that was left out.")

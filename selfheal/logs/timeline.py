@@ -118,7 +118,7 @@ def split_episodes(
         ((name, stream),) = streams.items()
         spans = [
             Span(label, {name: _sort_rows(stream.time, rows, mended)})
-            for label, rows in _split_rows(stream)
+            for label, rows in split_rows(stream)
         ]
     else:
         spans = _split_streams(streams, mended)
@@ -131,7 +131,7 @@ def split_episodes(
     return [span for span in found if any(map(len, span.rows.values()))], mended
 
 
-def _split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
+def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
     """Rows of a stream between changes of its label, or where time begins again."""
     count = stream.time.size
     new = np.zeros(count, dtype=bool)
@@ -152,7 +152,7 @@ def _split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
 def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Span]:
     """Episodes of several streams, which share a time that never begins again."""
     for name, stream in streams.items():
-        if stream.label is None and len(list(_split_rows(stream))) > 1:
+        if stream.label is None and len(list(split_rows(stream))) > 1:
             raise InputError(
                 f"the time of {name} begins again, and the log holds several streams; "
                 "would fit: [time] with a column that does not, or a file a run"
@@ -163,7 +163,7 @@ def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Sp
     if labeled is None:
         return [Span(-1, every)]
     owner = streams[labeled]
-    parts = list(_split_rows(owner))
+    parts = list(split_rows(owner))
     starts = np.array([owner.time[rows[0]] for _, rows in parts])
     if (np.diff(starts) <= 0).any():
         raise InputError(

@@ -46,7 +46,9 @@ class Scores:
     """How badly each block fits what the other episodes tell.
 
     Attributes:
-        blocks: (B, D) share of the mean square that a block leaves [1].
+        blocks: (B, D) share of the mean square that a block leaves [1]; of torques in
+            most of its rows, for what is odd of an episode is so all along, and a late
+            command only where it jumps.
         episode: (B) id of the episode of each block.
         names: (D) of the joints, or of what moves.
         words: how an episode that does not fit is told.
@@ -214,6 +216,8 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
         balance: of the recording.
         suspect: id of an episode that no fit sees.
     """
+    from scipy.ndimage import median
+
     series, rows = balance.series, balance.rows
     names = np.array(series.ids)[series.episode[rows]]
     fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
@@ -229,7 +233,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
             x = solve_bounded(terms.x[rest], -terms.missing[rest], terms.bounds)
             left[~rest] = (terms.missing + terms.x @ x)[~rest] ** 2
         size = np.maximum(_average(terms.size, names), terms.size.mean())
-        blocks[:, k] = _average_blocks(left / size, balance.block)
+        blocks[:, k] = median(left / size, balance.block, np.arange(count))
     return Scores(
         blocks, _name_blocks(names, balance.block),
         [_name_dof(balance, int(d)) for d in balance.dofs],

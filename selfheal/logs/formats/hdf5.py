@@ -1,8 +1,10 @@
 """HDF5 of others: takes robomimic's, ALOHA's and any file of arrays, gives streams."""
 
+import json
 import math
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from ...limited_reading import explain_dangerous
 from ..base import Log, LogFormat
 from .arrays import ArrayLog, is_usable
 from .common import explain_damage, read_start
+from .json_runs import find_period
 from .run_groups import make_tables
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -41,7 +44,9 @@ class Hdf5Format(LogFormat):
                 )
             arrays = dict[str, Any](list_datasets(file))
             units = {name: _find_unit(array) for name, array in arrays.items()}
-            return ArrayLog(path, make_tables(arrays, units))
+            period = _find_period(file)
+            tables = make_tables(arrays, units)
+            return ArrayLog(path, [replace(t, period=period) for t in tables])
 
 
 def read_first_rows(path: str | os.PathLike[str]) -> None:
@@ -55,6 +60,7 @@ def read_first_rows(path: str | os.PathLike[str]) -> None:
 
     with h5py.File(path, "r") as file:
         dict(file.attrs)
+        _find_period(file)
         for _, array in list_datasets(file):
             dict(array.attrs)
             array[:1]
@@ -107,6 +113,18 @@ class _Field:
 
     def __getitem__(self, rows: slice) -> Any:
         return self._dataset[rows][self._name]
+
+
+def _find_period(file: Any) -> float | None:
+    """The time [s] from row to row that robomimic's `env_args` state, if they do."""
+    import h5py
+
+    if not isinstance(file.get("data", getlink=True), h5py.HardLink):
+        return None
+    try:
+        return find_period(json.loads(_read_text(file["data"].attrs, "env_args")))
+    except ValueError:  # none, or no JSON
+        return None
 
 
 def _find_unit(array: Any) -> str:

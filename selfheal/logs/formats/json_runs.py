@@ -34,7 +34,7 @@ _ROBOTS = ("robot", "robot_name", "robot_type")
 _TIMES = ("t", "time", "timestamp", "stamp", "time_s")
 _PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
 _RATES = ("hz", "fps", "sample_rate", "sampling_rate", "sampling_frequency",
-          "sample_frequency", "control_frequency", "action_hz", "control_hz",
+          "sample_frequency", "control_frequency", "control_freq", "action_hz", "control_hz",
           "sample_hz", "sampling_hz", "rate_hz", "log_hz", "record_hz",
           "frequency_hz", "loop_hz")  # fmt: skip
 
@@ -84,7 +84,7 @@ def find_tables(document: Any) -> list[Table]:
     Args:
         document: as `json` makes it.
     """
-    period = _find_period(document)
+    period = find_period(document)
     if isinstance(document, list):
         return [_make_table(document, "", period)] if _is_objects(document) else []
     if not isinstance(document, dict):
@@ -252,7 +252,7 @@ def _find_robot(document: Any) -> str | None:
     return found[0] if found else None
 
 
-def _find_period(document: Any) -> float | None:
+def find_period(document: Any) -> float | None:
     """The time [s] from row to row that a document states, at its top or below."""
     if not isinstance(document, dict):
         return None

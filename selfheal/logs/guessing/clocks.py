@@ -9,6 +9,7 @@ from ...errors import InputError
 from ..base import Stream
 from ..log_map import Clock, EpisodeRule
 from ..motion import Sample
+from ..timeline import StreamTime, split_rows
 from ..units import find_unit, get_unit
 from .column_names import read_name
 
@@ -20,6 +21,7 @@ _EPISODE_WORDS = {"episode", "run", "trial", "traj", "trajectory", "rollout", "d
 _SHORTEST, _LONGEST = 2e-4, 0.5
 _GAP = 20  # times the median step, and above a second: another episode; chosen
 _LEAST_GAP = 1.0
+_PAUSE = 0.5  # [s] between runs; chosen: over which no motion is compared, and no gap
 _FEWEST = 20  # rows that show a clock; chosen
 
 
@@ -63,9 +65,19 @@ def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGu
         else:
             period = 1 / clock.rate if clock.rate else stream.period or 0.0
             times = period * np.arange(rows)
-        sample.time = times.astype(np.float64)
+        sample.time = _join_runs(times.astype(np.float64))
     found.episodes = _guess_episodes(streams, samples, found)
     return found
+
+
+def _join_runs(time: np.ndarray) -> np.ndarray:
+    """Times (n) [s] where a run whose time begins again follows the one before it."""
+    runs = [rows for _, rows in split_rows(StreamTime(time))]
+    joined = time.copy()
+    for before, rows in zip(runs, runs[1:], strict=False):
+        shift = np.nanmax(joined[before]) + _PAUSE - time[rows[0]]
+        joined[rows] += shift
+    return joined
 
 
 def _is_increasing(values: np.ndarray | None) -> bool:

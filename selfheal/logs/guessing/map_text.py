@@ -72,13 +72,15 @@ def _format_time(guess: Guess) -> list[str]:
     special = {name: clock for name, clock in clocks.items() if clock != usual}
     lines = list[str]()
     if special and len(set(map(repr, clocks.values()))) == 1:
-        lines += ["[time]", *_format_clock(next(iter(special.values())))]
+        name, clock = next(iter(special.items()))
+        lines += ["[time]", *_format_clock(clock, guess.time.notes[name][0])]
     else:
         for name, clock in special.items():
-            lines += [f"[time.streams.{quote(name)}]", *_format_clock(clock)]
+            lines += [f"[time.streams.{quote(name)}]"]
+            lines += _format_clock(clock, guess.time.notes[name][0])
     for name, (sure, why) in guess.time.notes.items():
-        stream = f"{name}: " if name else ""
-        lines += _comment(f"{sure:.0%} sure: {stream}{why}")
+        said = " LOOK:" * (not sure) + f" {name}:" * bool(name)
+        lines += _comment(f"{sure:.0%} sure:{said} {why}")
     rule = guess.time.episodes
     if rule.column or rule.gap:
         lines += ["", "[episodes]"]
@@ -88,13 +90,14 @@ def _format_time(guess: Guess) -> list[str]:
     return [*lines, ""]
 
 
-def _format_clock(clock: Clock) -> Iterator[str]:
+def _format_clock(clock: Clock, sure: float) -> Iterator[str]:
+    """Lines of a clock; a rate that nothing states is left to the user."""
     if clock.column:
         yield f"column = {quote(clock.column)}"
     if clock.unit not in ("", "s"):
         yield f"unit = {quote(clock.unit)}"
     if clock.rate is not None:
-        yield f"rate = {clock.rate}"
+        yield f"{'' if sure else '# '}rate = {clock.rate}"
 
 
 def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:

@@ -1,0 +1,140 @@
+"""Logs of two joints as ten kinds of software write them, with something concealed."""
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from scipy.io import savemat
+
+from selfheal.example.simulate import Run
+from tests.support.logs.torch_files import Tensor, save_archive
+
+CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
+_POINT = "trajectory_msgs/JointTrajectoryPoint"
+_DEFINITION = "std_msgs/Header header\nstring[] joint_names\n" + "".join(
+    f"{_POINT} {name}\n" for name in ("reference", "feedback", "error", "output")
+)
+
+
+def write_numbers(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """A table of numbers without a header, run behind run: time, goals, readings."""
+    tables = [np.column_stack([r.time, r.goal, r.position, r.velocity]) for r in runs]
+    text = io.StringIO()
+    np.savetxt(text, np.concatenate(tables), fmt="%.6f", delimiter=",")
+    path.write_text(text.getvalue())
+
+
+def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """What ros2_control publishes: joints by the alphabet, the controller's every 2nd."""
+    shutil.rmtree(path, ignore_errors=True)
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    store.register(get_types_from_msg(_DEFINITION, CONTROLLER))
+    types, none = store.types, np.empty(0)
+    order = np.argsort(joints)
+    zero = types["builtin_interfaces/msg/Duration"](0, 0)
+
+    def point(values: np.ndarray) -> object:
+        kind = types["trajectory_msgs/msg/JointTrajectoryPoint"]
+        return kind(values, none, none, none, zero)
+
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        kinds = {
+            "/joint_states": "sensor_msgs/msg/JointState",
+            "/arm_controller/controller_state": CONTROLLER,
+        }
+        topics = {k: bag.add_connection(k, v, typestore=store)
+                  for k, v in kinds.items()}  # fmt: skip
+        start = 1_750_000_000.0
+        for run in runs:
+            for k, time in enumerate(start + run.time):
+                stamp = round(1e9 * time)
+                now = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+                head, (states, state) = types["std_msgs/msg/Header"](now, ""), topics
+                messages = {states: types[kinds[states]](
+                    head, [joints[j] for j in order], run.position[k, order],
+                    run.velocity[k, order], none,
+                )}  # fmt: skip
+                if k % 2 == 0:
+                    goal, angle = run.goal[k], run.position[k]
+                    messages[state] = types[CONTROLLER](
+                        head, joints, point(goal), point(angle), point(goal - angle),
+                        point(none),
+                    )  # fmt: skip
+                for topic, message in messages.items():
+                    raw = store.serialize_cdr(message, kinds[topic])
+                    bag.write(topics[topic], stamp + 300_000, raw)
+            start += run.time[-1] + 5.0
+
+
+def write_lerobot3(path: Path, runs: list[Run], convert) -> None:
+    """A LeRobot folder, v3.0, of joints that `convert` turns into its numbers."""
+    names = [f"{n}.pos" for n in ("shoulder_pan", "shoulder_lift", "gripper")]
+    vector = {"dtype": "float32", "shape": [len(names)], "names": names}
+    info = {
+        "codebase_version": "v3.0", "robot_type": "so101_follower",
+        "fps": round(1 / (runs[0].time[1] - runs[0].time[0])),
+        "total_episodes": len(runs), "chunks_size": 1000,
+        "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "features": {"action": vector, "observation.state": vector},
+    }  # fmt: skip
+    for folder in ("meta", "data/chunk-000"):
+        (path / folder).mkdir(parents=True)
+    (path / "meta" / "info.json").write_text(json.dumps(info))
+    count = [run.time.size for run in runs]
+    table = pyarrow.table({
+        "action": convert(np.concatenate([r.goal for r in runs])).tolist(),
+        "observation.state": convert(
+            np.concatenate([r.position for r in runs])).tolist(),
+        "timestamp": np.concatenate([r.time for r in runs]).astype("f4"),
+        "frame_index": np.concatenate([np.arange(n) for n in count]),
+        "episode_index": np.repeat(np.arange(len(runs)), count),
+        "index": np.arange(sum(count)),
+        "task_index": np.zeros(sum(count), int),
+    })  # fmt: skip
+    parquet.write_table(table, path / "data" / "chunk-000" / "file-000.parquet")
+
+
+def write_legged_gym(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """Buffers of all steps, as a deployment of legged_gym saves them."""
+    starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
+    buffers = {
+        "time": [s + r.time for s, r in zip(starts, runs, strict=True)],
+        "dof_pos": [r.position for r in runs], "dof_vel": [r.velocity for r in runs],
+        "dof_pos_target": [r.goal for r in runs],
+    }  # fmt: skip
+    document = {k: Tensor(np.concatenate(v).astype("f4")) for k, v in buffers.items()}
+    save_archive(path, document)
+
+
+def write_servo_json(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """Runs of one servo, as mauicv/servo-sysid writes them: no time, no units."""
+    data = [{"type": "chirp", "targets": [], "actions": run.goal[:, 0].tolist(),
+             "sensor_data": run.position[:, 0].tolist()} for run in runs]  # fmt: skip
+    path.write_text(json.dumps({"dataset": "servo", "data": data}))
+
+
+def write_robomimic(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """Demonstrations, without a time: the rate is in the text of `env_args`."""
+    rate = round(1 / (runs[0].time[1] - runs[0].time[0]))
+    with h5py.File(path, "w") as file:
+        data = file.create_group("data")
+        data.attrs["env_args"] = json.dumps({"env_kwargs": {"control_freq": rate}})
+        for k, run in enumerate(runs):
+            demo = data.create_group(f"demo_{k}")
+            demo["actions"], demo["dones"] = run.goal, np.zeros(run.time.size, int)
+            demo["obs/robot0_joint_pos"] = run.position
+            demo["obs/robot0_joint_vel"] = run.velocity
+
+
+def write_matlab(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """A structure array of trials: t, u, q and qd, columns as MATLAB has them."""
+    kinds = [(name, "O") for name in ("t", "u", "q", "qd")]
+    trials = [(r.time[:, None], r.goal, r.position, r.velocity) for r in runs]
+    savemat(path, {"trial": np.array(trials, dtype=kinds)})
