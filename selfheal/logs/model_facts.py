@@ -134,15 +134,29 @@ def format_servo(model: "mujoco.MjModel", command: str) -> str:
     a = next(a for a in range(model.nactuator) if column in find_controls(model, a))
     joint = model.joint(find_joint(model, a)).name
     said = f'<position name="{model.actuator(a).name}" joint="{joint}" kp="KP" kv="KV"'
-    gain = model.actuator_gear[find_output(model, a), 0]
-    low, high = model.actuator_forcerange[a]
-    if not model.actuator_forcelimited[a]:
-        gain *= model.actuator_gainprm[a, 0]
+    limits = find_force_range(model, a)
+    return (
+        f'{said} forcerange="{limits[0]:g} {limits[1]:g}"/>' if limits else f"{said}/>"
+    )
+
+
+def find_force_range(
+    model: "mujoco.MjModel", actuator: int
+) -> tuple[float, float] | None:
+    """Least and largest torque or force [N m or N] of an actuator of a joint, at it.
+
+    None where the model states none.
+    """
+    gain = model.actuator_gear[find_output(model, actuator), 0]
+    low, high = model.actuator_forcerange[actuator]
+    if not model.actuator_forcelimited[actuator]:
+        gain *= model.actuator_gainprm[actuator, 0]
+        column = find_controls(model, actuator)[0]
         low, high = model.actuator_ctrlrange[column]
-        if model.actuator_biastype[a] or not model.actuator_ctrllimited[column]:
-            return f"{said}/>"
-    low, high = sorted((gain * low, gain * high))
-    return f'{said} forcerange="{low:g} {high:g}"/>'
+        if model.actuator_biastype[actuator] or not model.actuator_ctrllimited[column]:
+            return None
+    low, high = sorted((float(gain * low), float(gain * high)))
+    return low, high
 
 
 def _list_others(model: "mujoco.MjModel") -> list[Place]:

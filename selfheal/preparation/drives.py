@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
+from ..logs.model_facts import find_force_range
 from ..mjcf.edit import format_number
 from ..printable import quote_name
 
@@ -42,12 +43,14 @@ class Drive:
         tag: of MJCF, "position" or "motor".
         attributes: of the actuator beside its name and joint, as MJCF writes them.
         says: what it is, in words.
+        motor: id of the torque motor in whose place it is; None where there was none.
     """
 
     joint: str
     tag: str
     attributes: Mapping[str, str]
     says: str
+    motor: int | None = None
 
 
 def list_undriven(model: "mujoco.MjModel") -> list[int]:
@@ -64,6 +67,22 @@ def list_undriven(model: "mujoco.MjModel") -> list[int]:
     return [int(j) for j in np.flatnonzero(movable) if j not in moved]
 
 
+def list_motors(model: "mujoco.MjModel") -> dict[int, int]:
+    """Id of the actuator by that of its joint, where a torque motor alone turns it."""
+    import mujoco
+
+    is_at_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    is_motor = (
+        is_at_joint
+        & (model.actuator_gaintype == int(mujoco.mjtGain.mjGAIN_FIXED))
+        & (model.actuator_biastype == int(mujoco.mjtBias.mjBIAS_NONE))
+        & (model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE))
+    )
+    turned = np.where(is_at_joint, model.actuator_trnid[:, 0], -1).tolist()
+    return {turned[a]: int(a) for a in np.flatnonzero(is_motor)
+            if turned.count(turned[a]) == 1}  # fmt: skip
+
+
 def list_followers(model: "mujoco.MjModel") -> dict[int, int]:
     """Number of the constraint by the id of the joint that it makes follow another."""
     import mujoco
@@ -75,28 +94,33 @@ def list_followers(model: "mujoco.MjModel") -> dict[int, int]:
 def build_drives(model: "mujoco.MjModel", gains: Gains) -> list[Drive]:
     """A drive for each joint that needs one, in the model's order.
 
+    A gain says that goal positions are commanded: it puts a servo in a motor's place.
+
     Raises:
         UnknownNameError: a gain of a joint that gets no drive.
         InputError: a joint has no gain.
     """
     joints = {model.joint(j).name: j for j in list_undriven(model)}
+    motors = {model.joint(j).name: a for j, a in list_motors(model).items()
+              if {model.joint(j).name, EVERY} & {*gains.kp}}  # fmt: skip
+    joints |= {name: model.joint(name).id for name in motors if name}
     joints.pop("", None)
     for name in {*gains.kp, *gains.kv, *gains.passive} - {EVERY}:
         if name not in joints:
             raise UnknownNameError("joint without a drive", name, joints)
     driven = {n: j for n, j in joints.items() if n not in gains.passive}
-    make = _make_servo if gains.kp else _make_motor
-    return [make(model, name, j, gains) for name, j in driven.items()]
+    if not gains.kp:
+        return [_make_motor(model, name, j) for name, j in driven.items()]
+    return [_make_servo(model, name, gains, motors.get(name)) for name in driven]
 
 
-def _make_motor(model: "mujoco.MjModel", name: str, j: int, gains: Gains) -> Drive:
+def _make_motor(model: "mujoco.MjModel", name: str, j: int) -> Drive:
     """The torque motor of a joint.
 
     Args:
         model: compiled.
         name: of the joint.
         j: its id.
-        gains: of no motor.
     """
     unit = "N" if _is_slide(model, j) else "N m"
     limit = _find_limit(model, j)
@@ -104,15 +128,18 @@ def _make_motor(model: "mujoco.MjModel", name: str, j: int, gains: Gains) -> Dri
     return Drive(name, "motor", limit, says)
 
 
-def _make_servo(model: "mujoco.MjModel", name: str, j: int, gains: Gains) -> Drive:
+def _make_servo(
+    model: "mujoco.MjModel", name: str, gains: Gains, motor: int | None
+) -> Drive:
     """The position servo of a joint.
 
     Args:
         model: compiled.
         name: of the joint.
-        j: its id.
         gains: of all servos.
+        motor: id of the motor in whose place it is; None where there was none.
     """
+    j = model.joint(name).id
     unit, rate = ("N", "m") if _is_slide(model, j) else ("N m", "rad")
     kp = gains.kp.get(name, gains.kp.get(EVERY))
     if kp is None:
@@ -125,6 +152,8 @@ def _make_servo(model: "mujoco.MjModel", name: str, j: int, gains: Gains) -> Dri
     if kv is None:
         kv = 2 * float(np.sqrt(kp * model.dof_M0[model.jnt_dofadr[j]]))
     limit = _find_limit(model, j)
+    if motor is not None and (strength := find_force_range(model, motor)):
+        limit = {"forcerange": format_number(np.array(strength))}
     numbers = {
         "kp": format_number(kp),
         "kv": f"{kv:.4g}" if critical else format_number(kv),
@@ -133,8 +162,9 @@ def _make_servo(model: "mujoco.MjModel", name: str, j: int, gains: Gains) -> Dri
         f"a position servo, kp {numbers['kp']} {unit}/{rate}, kv {numbers['kv']} "
         f"{unit} s/{rate}{' (critical in the reference pose)' * critical}"
         f"{_describe_limit(limit, unit)}"
+        f"{', in the place of a torque motor' * (motor is not None)}"
     )
-    return Drive(name, "position", numbers | limit, says)
+    return Drive(name, "position", numbers | limit, says, motor)
 
 
 def _is_slide(model: "mujoco.MjModel", j: int) -> bool:

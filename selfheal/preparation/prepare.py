@@ -74,13 +74,15 @@ def prepare_model(
         steps += _fit_keyframes(spec, bool(drives))
         steps += _exclude_contacts(spec)
         steps += _move_limits(spec, drives)
+        _replace_motors(spec, drives)
         model = spec.compile()
     except ValueError as error:
         said = describe_refusal(name, error) + _explain_shapes(path)
         raise ModelError(said) from error
     document = MjcfDocument(path, spec.to_xml())
-    section = document.get_section("actuator") if drives else None
-    for drive in drives:
+    added = [drive for drive in drives if drive.motor is None]
+    section = document.get_section("actuator") if added else None
+    for drive in added:
         assert section
         new = document.insert(section, f"<{drive.tag}/>", first=False)
         new.set({"name": drive.joint, "joint": drive.joint, **drive.attributes})
@@ -182,7 +184,7 @@ def _fit_keyframes(spec: "mujoco.MjSpec", is_driven: bool) -> Iterator[str]:
 
     Args:
         spec: changed.
-        is_driven: whether actuators will be added, which no keyframe commands.
+        is_driven: whether drives will be made, which no keyframe commands.
     """
     model = _compile_bare(spec)
     sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu,
@@ -198,7 +200,7 @@ def _fit_keyframes(spec: "mujoco.MjSpec", is_driven: bool) -> Iterator[str]:
         else:
             if is_driven and len(key.ctrl):
                 key.ctrl = []
-                yield f"{label} keeps its pose, and loses its ctrl of fewer drives"
+                yield f"{label} keeps its pose, and loses its ctrl of other drives"
 
 
 def _exclude_contacts(spec: "mujoco.MjSpec") -> Iterator[str]:
@@ -234,6 +236,23 @@ def _move_limits(spec: "mujoco.MjSpec", drives: Sequence[Drive]) -> Iterator[str
     if is_servo and spec.option.integrator == euler:
         spec.option.integrator = implicit
         yield "integrator implicitfast, in which the damping of servos is stable"
+
+
+def _replace_motors(spec: "mujoco.MjSpec", drives: Sequence[Drive]) -> None:
+    """Make servos of the motors in whose place drives are; their names stay."""
+    import mujoco
+
+    for drive in drives:
+        if drive.motor is None:
+            continue
+        actuator = list(spec.actuators)[drive.motor]
+        actuator.set_to_position(*(float(drive.attributes[k]) for k in ("kp", "kv")))
+        actuator.gear = [1, 0, 0, 0, 0, 0]
+        actuator.ctrlrange, no = [0, 0], mujoco.mjtLimited.mjLIMITED_FALSE
+        actuator.ctrllimited = actuator.forcelimited = no
+        if limits := drive.attributes.get("forcerange"):
+            actuator.forcerange = [float(end) for end in limits.split()]
+            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
 
 
 def _describe_joints(

@@ -1,6 +1,5 @@
 """A proposed map finds columns by name, unit, limits and motion, and tells doubts."""
 
-import re
 import tomllib
 
 import mujoco
@@ -15,6 +14,8 @@ from selfheal.logs.guessing.map_text import format_map
 from selfheal.logs.log_map import COMMAND, parse_map
 from selfheal.logs.model_facts import format_servo
 from selfheal.logs.motion import compare_command
+from selfheal.preparation.drives import EVERY, Gains
+from selfheal.preparation.prepare import prepare_model
 from selfheal.recording import list_model_names, read
 from tests.support.logs.table_log import TableLog
 
@@ -194,18 +195,18 @@ def test_what_is_not_there_is_said(model, motion):
     assert any("no command was found" in remark for remark in guess.remarks)
 
 
-def test_a_goal_for_a_torque_motor_is_remarked(motion):
+def test_a_goal_for_a_torque_motor_is_remarked(motion, tmp_path):
     text = ARM.replace("<position", "<motor").replace('kp="60" kv="2"', "")
     motors = mujoco.MjModel.from_xml_string(text)
     table = _make_table(motion)
     (remark,) = (r for r in guess_map(TableLog({"": table}), motors).remarks
                  if "no position servos" in r)  # fmt: skip
-    # what it says, with gains, makes a model that fits the log
-    for line in re.findall("<position[^>]*/>", remark):
-        name = re.search('name="[^"]*"', line)[0]
-        text = re.sub(f"<motor {name}[^>]*/>", line, text)
-    text = text.replace("KP", "60").replace("KV", "2")
-    servos = mujoco.MjModel.from_xml_string(text)
+    # what it says makes a model that fits the log
+    assert "selfheal model prepare MODEL.xml --kp KP --kv KV" in remark
+    path = tmp_path / "motors.xml"
+    path.write_text(text)
+    made = prepare_model(path, tmp_path, Gains({EVERY: 60}, {EVERY: 2})).text
+    servos = mujoco.MjModel.from_xml_string(made)
     assert (servos.actuator_biasprm[:, 1] == -60).all()
     guess = guess_map(TableLog({"": table}), servos)
     assert not any("no position servos" in r for r in guess.remarks)

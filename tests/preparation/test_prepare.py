@@ -174,8 +174,32 @@ def test_driven_joints_keep_their_actuators(tmp_path):
     text = """<mujoco><worldbody><body><joint name="a"/><geom size="0.1"/>
       <body><joint name="b"/><geom size="0.1"/></body></body></worldbody>
       <actuator><motor name="m" joint="a"/></actuator></mujoco>"""
-    model, _ = _prepare(text, tmp_path, "--kp", 5, name="m.xml")
-    assert [model.actuator(a).name for a in range(model.nu)] == ["m", "b"]
+    servo = text.replace("<motor", '<position kp="3"')
+    for given, options in ((servo, ("--kp", 5)), (text, ("--kp", "b=5")),
+                           (text, ("--kp", 5, "--passive", "a"))):  # fmt: skip
+        model, _ = _prepare(given, tmp_path, *options, name="m.xml")
+        assert [model.actuator(a).name for a in range(model.nu)] == ["m", "b"]
+        assert model.actuator_gainprm[0, 0] == (3 if given is servo else 1)
+        (tmp_path / "out" / "m.xml").unlink()
+
+
+def test_gains_put_servos_as_strong_in_the_places_of_motors(tmp_path):
+    """Of motors with gears, limits and classes, in the order in which they were."""
+    text = """<mujoco><default><motor ctrlrange="-2 2" gear="6"/></default><worldbody>
+      <body><joint name="a"/><geom size="0.1"/><body><joint name="b"/>
+      <geom size="0.1"/></body></body></worldbody><actuator><motor name="second"
+      joint="b"/><motor name="first" joint="a" ctrllimited="false"/></actuator>
+      <keyframe><key name="home" ctrl="1 1"/></keyframe></mujoco>"""
+    model, said = _prepare(text, tmp_path, "--kp", 5, "--kp", "b=4", "--kv", 1,
+                           name="m.xml")  # fmt: skip
+    assert [model.actuator(a).name for a in range(model.nu)] == ["second", "first"]
+    np.testing.assert_allclose(model.actuator_gainprm[:, 0], [4, 5])
+    np.testing.assert_allclose(model.actuator_biasprm[:, 1:3], [[-4, -1], [-5, -1]])
+    assert list(model.actuator_gear[:, 0]) == [1, 1]
+    assert list(model.actuator_forcelimited) == [1, 0]
+    assert not model.actuator_ctrllimited.any() and not model.key_ctrl.any()
+    np.testing.assert_allclose(model.actuator_forcerange[0], [-12, 12])
+    assert said.count("in the place of a torque motor") == 2
 
 
 def test_a_mesh_that_is_only_seen_may_be_missing_or_unreadable(tmp_path):

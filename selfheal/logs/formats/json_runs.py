@@ -34,8 +34,8 @@ _ROBOTS = ("robot", "robot_name", "robot_type")
 _TIMES = ("t", "time", "timestamp", "stamp", "time_s")
 _PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
 _RATES = ("hz", "fps", "sample_rate", "sampling_rate", "sampling_frequency",
-          "sample_frequency", "control_frequency", "control_freq", "action_hz", "control_hz",
-          "sample_hz", "sampling_hz", "rate_hz", "log_hz", "record_hz",
+          "sample_frequency", "control_frequency", "control_freq", "action_hz",
+          "control_hz", "sample_hz", "sampling_hz", "rate_hz", "log_hz", "record_hz",
           "frequency_hz", "loop_hz")  # fmt: skip
 
 

@@ -27,6 +27,9 @@ Floats = NDArray[np.float64]
 _NAME, _ORDER, _POSITION = 6.0, 1.5, 0.5
 _LEAST_KIND = 0.15  # below, the words of a name say nothing of its kind; chosen
 _VECTOR = re.compile(r"(.+?)[._ /]?([xyzw])$")
+ELEMENT = re.compile(r"(.+)\[(\d+)\]$")
+# words of an array that is a vector of the robot's body, not of its joints
+_BODIES = {"base", "root", "trunk", "torso", "pelvis", "imu", "quat", "quaternion"}
 
 
 @dataclass(frozen=True)
@@ -101,16 +104,29 @@ def _read_facts(stream: Stream, name: str) -> NameFacts:
 
 
 def group_vectors(columns: Sequence[Column]) -> dict[tuple[str, str], list[Column]]:
-    """Columns x, y, z and perhaps w of one thing, by stream and name without them."""
+    """Columns x, y, z and perhaps w of one thing, by stream and name without them.
+
+    So are the three or four elements of an array that speaks of a body.
+    """
     found = dict[tuple[str, str], dict[str, Column]]()
     for column in columns:
         if match := _VECTOR.fullmatch(column.name):
             found.setdefault((column.stream, match[1]), {})[match[2]] = column
+        elif (match := ELEMENT.fullmatch(column.name)) and _is_of_body(column):
+            parts = found.setdefault((column.stream, match[1]), {})
+            parts["xyzw"[int(match[2])] if int(match[2]) < 4 else "more"] = column
     return {
         key: [parts[axis] for axis in "xyzw" if axis in parts]
         for key, parts in found.items()
-        if {"x", "y", "z"} <= parts.keys()
+        if {"x", "y", "z"} <= parts.keys() and "more" not in parts
     }
+
+
+def _is_of_body(column: Column) -> bool:
+    """Whether a preset, or else the name, says that a column is of a body."""
+    if column.rule:
+        return column.rule.kind.startswith("body_")
+    return bool(_BODIES & {*column.facts.own})
 
 
 def group_scalars(

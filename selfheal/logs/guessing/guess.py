@@ -339,10 +339,10 @@ def _list_remarks(
     if goals:
         said.append(
             f"the commands of {join_names(goals)} are followed by the positions, but "
-            "the model's actuators are no position servos: replace them by "
-            f"{join_names(format_servo(model, name) for name in goals)}, where KP and "
-            "KV are the gains of the drive [N m/rad and N m s/rad; of a slide N/m and "
-            "N s/m]"
+            "the model's actuators are no position servos: selfheal model prepare "
+            "MODEL.xml --kp KP --kv KV makes servos of torque motors, and by hand it "
+            f"is {format_servo(model, goals[0])} and so on, where KP and KV are the "
+            "gains of the drive [N m/rad and N m s/rad; of a slide N/m and N s/m]"
         )
     if found.missing:
         said.append(

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..model_facts import Place
-from .assignment import Column
+from .assignment import ELEMENT, Column
 from .column_names import score_names
 from .unit_guesses import UnitGuess
 
@@ -14,7 +14,7 @@ from .unit_guesses import UnitGuess
 _THINGS: tuple[tuple[frozenset[str], str, str], ...] = (
     (frozenset({"orientation", "quaternion", "quat", "rotation"}), "1",
      "body_orientation"),
-    (frozenset({"angular", "gyro", "gyroscope", "omega"}), "rad/s",
+    (frozenset({"angular", "ang", "gyro", "gyroscope", "omega"}), "rad/s",
      "body_angular_velocity"),
     (frozenset({"acceleration", "acc", "accel", "accelerometer"}), "m/s^2", ""),
     (frozenset({"position", "translation", "pos"}), "m", "body_position"),
@@ -48,15 +48,19 @@ def match_vectors(
     found, notes, taken = list[VectorLine](), list[str](), set[tuple[str, str]]()
     for (stream, name), columns in vectors.items():
         tokens = columns[0].facts.tokens
-        thing = _find_thing(tokens, len(columns))
+        rule = columns[0].rule
+        thing = _find_thing(tokens, len(columns), rule.kind if rule else "")
         values = np.stack([column.values for column in columns])
         if thing is None or not np.isfinite(values).any() or not values.any():
             continue
         unit, kind = thing
-        if kind == "body_linear_velocity" and "twist" in tokens:
+        is_array = bool(ELEMENT.fullmatch(columns[0].name))
+        if kind == "body_linear_velocity" and ("twist" in tokens or is_array):
+            what = f"{name}: it may be" if is_array else (
+                f"{stream or name}: a twist's linear velocity is")  # fmt: skip
             notes.append(
-                f"{stream or name}: a twist's linear velocity is in the body's frame, "
-                "that of a recording in the world's: left out"
+                f"{what} in the body's frame, that of a recording in the world's: "
+                "left out"
             )
             continue
         place, why = _find_place(columns[0], unit, kind, places, taken)
@@ -64,16 +68,39 @@ def match_vectors(
             continue
         taken.add((place.kind, place.name))
         names = [f"{stream}:{c.name}" if several else c.name for c in columns]
-        order = "xyzw" if len(columns) == 4 else "wxyz"
-        guess = UnitGuess("", sure=0.9, why="as ROS has it")
+        order, why_order = "xyzw" if len(columns) == 4 else "wxyz", "as ROS has it"
+        if rule:
+            order, why_order = rule.order, "the preset states it"
+        elif is_array and len(columns) == 4:
+            order = _guess_order(values)
+            why_order = f"{order}, in which it is upright: or does it lie on its side?"
+        elif is_array:
+            why_order = "an array of three"
+        guess = UnitGuess("", sure=0.9, why=why_order)
+        why = f"{why}; {why_order}" if is_array else why
         found.append((place.kind, names, [place.name], [guess], [0.8], [why], order))
     return found, notes
 
 
-def _find_thing(tokens: Sequence[str], width: int) -> tuple[str, str] | None:
-    """Unit and kind of what a name speaks of."""
+def _guess_order(values: np.ndarray) -> str:
+    """Order of quaternions (4, n) of what mostly stands upright and faces ahead."""
+    first, last = np.nanmean(np.abs(values[[0, 3]]), axis=1)
+    return "wxyz" if first > last else "xyzw"
+
+
+def _find_thing(
+    tokens: Sequence[str], width: int, known: str
+) -> tuple[str, str] | None:
+    """Unit and kind of what a name speaks of.
+
+    Args:
+        tokens: of the name.
+        width: how many columns there are.
+        known: kind that a preset states; "" of none.
+    """
     for words, unit, kind in _THINGS:
-        if words & set(tokens) and (width == 4) == (kind == "body_orientation"):
+        is_named = words & set(tokens) and (width == 4) == (kind == "body_orientation")
+        if kind == known if known else is_named:
             return unit, kind
     return None
 

@@ -32,7 +32,7 @@ def write_numbers(path: Path, runs: list[Run], joints: list[str]) -> None:
 
 
 def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> None:
-    """What ros2_control publishes: joints by the alphabet, the controller's every 2nd."""
+    """What ros2_control publishes: joints by the alphabet, half as often goals."""
     shutil.rmtree(path, ignore_errors=True)
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(_DEFINITION, CONTROLLER))
@@ -114,10 +114,10 @@ def write_legged_gym(path: Path, runs: list[Run], joints: list[str]) -> None:
 
 
 def write_servo_json(path: Path, runs: list[Run], joints: list[str]) -> None:
-    """Runs of one servo, as mauicv/servo-sysid writes them: no time, no units."""
+    """Runs of one servo, as mauicv/servo-sysid writes them: its rate, no units."""
     data = [{"type": "chirp", "targets": [], "actions": run.goal[:, 0].tolist(),
              "sensor_data": run.position[:, 0].tolist()} for run in runs]  # fmt: skip
-    path.write_text(json.dumps({"dataset": "servo", "data": data}))
+    path.write_text(json.dumps({"config": {"action_hz": 50}, "data": data}))
 
 
 def write_robomimic(path: Path, runs: list[Run], joints: list[str]) -> None:
