@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
 
 from selfheal.example.simulate import Run
+from tests.support.logs.newcomer_robots import StandingRun
 from tests.support.logs.torch_files import Tensor, save_archive
 
 CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
@@ -73,9 +74,28 @@ def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> Non
             start += run.time[-1] + 5.0
 
 
-def write_lerobot3(path: Path, runs: list[Run], convert) -> None:
-    """A LeRobot folder, v3.0, of joints that `convert` turns into its numbers."""
-    names = [f"{n}.pos" for n in ("shoulder_pan", "shoulder_lift", "gripper")]
+def write_lerobot3(
+    path: Path, runs: list[Run], joints: list[str], *, limits, in_degrees: bool
+) -> None:
+    """A LeRobot folder, v3.0, whose last joint is a gripper, in percent.
+
+    Args:
+        path: of the folder.
+        runs: of the robot.
+        joints: their names.
+        limits: (J, 2) of the joints [rad].
+        in_degrees: whether the others are in degrees, else in shares, -100 to 100.
+    """
+    low, high = np.transpose(limits)
+
+    def convert(angles: np.ndarray) -> np.ndarray:
+        share = np.clip((angles - low) / (high - low), 0, 1)  # as LeRobot does
+        values = np.rad2deg(low + share * (high - low))
+        values = values if in_degrees else 200 * share - 100
+        values[:, -1] = 100 * share[:, -1]
+        return values.astype("f4")
+
+    names = [f"{n}.pos" for n in joints]
     vector = {"dtype": "float32", "shape": [len(names)], "names": names}
     info = {
         "codebase_version": "v3.0", "robot_type": "so101_follower",
@@ -138,3 +158,18 @@ def write_matlab(path: Path, runs: list[Run], joints: list[str]) -> None:
     kinds = [(name, "O") for name in ("t", "u", "q", "qd")]
     trials = [(r.time[:, None], r.goal, r.position, r.velocity) for r in runs]
     savemat(path, {"trial": np.array(trials, dtype=kinds)})
+
+
+def write_standing(path: Path, runs: list[StandingRun], joints: list[str]) -> None:
+    """Buffers of a quadruped and its base, whose quaternions end with w."""
+    starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
+    base = np.concatenate([run.base for run in runs])
+    np.savez(
+        path,
+        time=np.concatenate([s + r.time for s, r in zip(starts, runs, strict=True)]),
+        dof_pos=np.concatenate([run.position for run in runs]),
+        dof_vel=np.concatenate([run.velocity for run in runs]),
+        dof_pos_target=np.concatenate([run.goal for run in runs]),
+        base_pos=base[:, :3],
+        base_quat=base[:, [4, 5, 6, 3]],
+    )
