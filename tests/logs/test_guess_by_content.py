@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.errors import UnknownNameError
+from selfheal.errors import InputError, UnknownNameError
 from selfheal.logs.convert import import_logs
 from selfheal.logs.guessing.guess import guess_map
 from selfheal.logs.guessing.map_text import format_map
@@ -165,3 +165,60 @@ def test_rows_of_zeros_are_left_out_by_a_guess(model, motion, tmp_path):
     )  # fmt: skip
     values = read(tmp_path / "rec.h5").episodes["000"].signals["lift_position"].values
     assert (np.isnan(values) == rows).all()
+
+
+@pytest.mark.parametrize("blocks", ["uqv", "quv"])
+def test_runs_whose_time_begins_again_are_compared_run_by_run(blocks, model, motion):
+    time, ctrl, q, v = motion
+    values = {"u": ctrl, "q": q, "v": v}
+    rows = np.concatenate([np.arange(450, 900), np.arange(450), np.arange(600, 1000)])
+    table = np.column_stack([time, *(values[b] for b in blocks)])[rows]
+    for start in (0, 450, 900):
+        table[start : start + 450, 0] -= table[start, 0]
+    log = TableLog({"": {f"col{k}": column for k, column in enumerate(table.T)}})
+    guess = guess_map(log, model)
+    kinds = {"u": COMMAND, "q": "joint_position", "v": "joint_velocity"}
+    assert {line.kind: line.columns[0] for line in guess.lines} == {
+        kinds[b]: f"col{1 + 3 * i}" for i, b in enumerate(blocks)
+    }
+    assert guess.time.episodes.gap is None
+
+
+def test_a_rate_that_nothing_states_is_left_to_the_user(model, motion, tmp_path):
+    _, ctrl, q, _ = motion
+    table = {f"cmd_{n}": ctrl[:, k] for k, n in enumerate(JOINTS)}
+    table |= {f"{n}_pos": q[:, k] for k, n in enumerate(JOINTS)}
+    text = format_map(guess_map(TableLog({"": table}), model), "log", "model")
+    assert "# rate = " in text and "LOOK: the log has no time" in text
+    with pytest.raises(InputError, match="rate = ... in Hz"):
+        import_logs(
+            [TableLog({"": table})], parse_map(tomllib.loads(text), "map"),
+            list_model_names(model), tmp_path / "rec.h5",
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize("order", ["wxyz", "xyzw"])
+@pytest.mark.parametrize("preset", ["", "legged_gym"])
+def test_arrays_of_a_base_are_its_pose(order, preset, motion):
+    text = ARM.replace("<worldbody>", "<worldbody><body name='trunk'><freejoint/>"
+                       "<geom size='0.1'/>").replace("</worldbody>",
+                       "</body></worldbody>")  # fmt: skip
+    time, ctrl, q, _ = motion
+    half = 0.3 * np.sin(time)
+    quaternion = {"w": np.cos(half), "x": np.sin(half), "y": 0 * half, "z": 0 * half}
+    table = {"time": time}
+    table |= {f"base_pos[{k}]": np.sin(time + k) for k in range(3)}
+    table |= {f"base_quat[{k}]": quaternion[axis] for k, axis in enumerate(order)}
+    table |= {f"base_lin_vel[{k}]": np.cos(time + k) for k in range(3)}
+    table |= {f"dof_pos[{k}]": q[:, k] for k in range(3)}
+    table |= {f"dof_pos_target[{k}]": ctrl[:, k] for k in range(3)}
+    guess = guess_map(TableLog({"": table}), mujoco.MjModel.from_xml_string(text),
+                      read_preset(preset) if preset else None)  # fmt: skip
+    lines = {line.kind: line for line in guess.lines}
+    assert lines.keys() == {"joint_position", COMMAND, "body_position",
+                            "body_orientation"}  # fmt: skip
+    for kind in ("body_position", "body_orientation"):
+        assert lines[kind].targets == ["trunk"]
+    found = lines["body_orientation"].order
+    assert found == ("xyzw" if preset else order)  # Isaac Gym's
+    assert any("base_lin_vel" in remark for remark in guess.remarks)

@@ -14,7 +14,8 @@ from ..motion import compare_command, compare_speed
 from .assignment import Column
 
 # correlations from which a column is the derivative of another, and follows it; chosen:
-# joints that are moved together have less
+# joints that are moved together have less. Where speeds tell which columns are
+# positions, what such a one follows needs the first alone
 _DERIVES, _FOLLOWS = 0.9, 0.95
 _WEAKEST = 1 / 3  # times a command, by which a position follows it at least; chosen
 _MOST = 100  # columns that are compared with one another; chosen: ten thousand pairs
@@ -73,6 +74,7 @@ def _pair_commands(columns: Sequence[Column], known: set[int]) -> dict[int, int]
         known: numbers of those that are positions; empty where nothing tells.
     """
     found = dict[int, tuple[float, int]]()
+    least = _DERIVES if known else _FOLLOWS
     for j in known or range(len(columns)):
         position = columns[j]
         for i, command in enumerate(columns):
@@ -82,6 +84,6 @@ def _pair_commands(columns: Sequence[Column], known: set[int]) -> dict[int, int]
                 (command.time, command.values), (position.time, position.values)
             )
             follows = _WEAKEST < line.slope < 1 / _WEAKEST and line.lag > 0
-            if follows and line.correlation > max(_FOLLOWS, found.get(i, (0,))[0]):
+            if follows and line.correlation > max(least, found.get(i, (0,))[0]):
                 found[i] = line.correlation, j
     return {i: j for i, (_, j) in found.items() if j not in found}

@@ -200,3 +200,14 @@ def test_a_recording_of_selfheal_needs_no_import(tmp_path):
 def test_a_file_without_arrays_is_refused(tmp_path, name):
     with pytest.raises(InputError, match="no arrays"):
         open_log(WRITERS[name](tmp_path / name, {"n": np.array(3)}))
+
+
+@pytest.mark.parametrize(
+    ("stated", "period"),
+    [('{"env_kwargs": {"control_freq": 20}}', 0.05), ("no JSON", None), (7, None)],
+)
+def test_the_rate_of_robomimic_is_read(tmp_path, stated, period):
+    path = _write_hdf5(tmp_path / "demo.hdf5", _list_demos(2))
+    with h5py.File(path, "r+") as file:
+        file["data"].attrs["env_args"] = stated
+    assert open_log(path).streams[0].period == period

@@ -33,7 +33,7 @@ def write_numbers(path: Path, runs: list[Run], joints: list[str]) -> None:
 
 
 def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> None:
-    """What ros2_control publishes: joints by the alphabet, half as often goals."""
+    """What ros2_control publishes: joints by the alphabet, and a state of goals."""
     shutil.rmtree(path, ignore_errors=True)
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(_DEFINITION, CONTROLLER))
@@ -62,12 +62,11 @@ def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> Non
                     head, [joints[j] for j in order], run.position[k, order],
                     run.velocity[k, order], none,
                 )}  # fmt: skip
-                if k % 2 == 0:
-                    goal, angle = run.goal[k], run.position[k]
-                    messages[state] = types[CONTROLLER](
-                        head, joints, point(goal), point(angle), point(goal - angle),
-                        point(none),
-                    )  # fmt: skip
+                goal, angle = run.goal[k], run.position[k]
+                messages[state] = types[CONTROLLER](
+                    head, joints, point(goal), point(angle), point(goal - angle),
+                    point(none),
+                )  # fmt: skip
                 for topic, message in messages.items():
                     raw = store.serialize_cdr(message, kinds[topic])
                     bag.write(topics[topic], stamp + 300_000, raw)
