@@ -2,11 +2,17 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
+from selfheal.example.simulate import simulate_runs
+from selfheal.recording import Recording
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.balance import Balance
+from tests.support.logs import newcomer_robots as robots
+
+JOINTS = ("shoulder", "elbow")
 
 
 def _edit(recording, change, *names, episodes=None):
@@ -97,6 +103,22 @@ def test_an_episode_with_another_zero_is_told(arm_with_a_load):
     (fault,) = check_telemetry(odd, model)
     assert (fault.kind, fault.episodes) == ("odd_episode", ("4",))
     assert check_telemetry(recording, model) == []
+
+
+def test_a_late_command_makes_an_episode_of_steps_no_odd_one():
+    """It is seen where commands jump alone, as no sign and no load is."""
+    text = robots.make_chain({"shoulder": (-1.5, 1.5), "elbow": (-1.5, 1.5)},
+        '<position name="{}" joint="{}" kp="15" kv="0.6"/>')  # fmt: skip
+    model, episodes = mujoco.MjModel.from_xml_string(text), {}
+    for k, run in enumerate(simulate_runs(text, lambda m: None, rate=100, seconds=6)):
+        signals = {
+            "joint_position": dict(zip(JOINTS, run.position[:-4].T, strict=True)),
+            "joint_velocity": dict(zip(JOINTS, run.velocity[:-4].T, strict=True)),
+        }
+        ctrl = dict(zip(JOINTS, run.goal[4:].T, strict=True))
+        made = Recording.from_arrays(run.time[:-4], ctrl, signals)  # fmt: skip
+        episodes[str(k)] = made.episodes["000"]
+    assert not check_telemetry(Recording(episodes), model)
 
 
 def test_blocks_at_rest_do_not_hide_what_a_mend_explains():
