@@ -28,7 +28,8 @@ def prepare(
         list[str] | None,
         typer.Option(
             metavar="[JOINT=]VALUE",
-            help="Stiffness of position servos [N m/rad; N/m]; --kp 60 --kp wrist=10.",
+            help="Stiffness of position servos [N m/rad; N/m], which also take the "
+            "places of torque motors; --kp 60 --kp wrist=10.",
         ),
     ] = None,
     kv: Annotated[
@@ -50,7 +51,7 @@ def prepare(
     ] = False,
     passive: Annotated[
         list[str] | None,
-        typer.Option(metavar="JOINT", help="A joint without a drive; once each."),
+        typer.Option(metavar="JOINT", help="A joint that gets no drive; once each."),
     ] = None,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite what is at --out.")
