@@ -33,6 +33,7 @@ EXPLAINED = 0.3
 # times as far as in the next one; chosen: a degree, and more than gravity in a pose
 MIN_ZERO, TIMES_ZERO = 0.02, 5.0
 MAX_P_VALUE = 1e-3  # times the number of episodes and of joints
+NORMAL = 2.198  # mean of squares over their median, of normal numbers; exact: 1 / 0.455
 MIN_BLOCKS = 3  # of an odd episode; chosen: one may hold a stop or a push
 BASES = {
     "blocks": "Mann and Whitney's test of blocks of a second, in the odd episode and "
@@ -233,7 +234,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
             x = solve_bounded(terms.x[rest], -terms.missing[rest], terms.bounds)
             left[~rest] = (terms.missing + terms.x @ x)[~rest] ** 2
         size = np.maximum(_average(terms.size, names), terms.size.mean())
-        blocks[:, k] = median(left / size, balance.block, np.arange(count))
+        blocks[:, k] = NORMAL * median(left / size, balance.block, np.arange(count))
     return Scores(
         blocks, _name_blocks(names, balance.block),
         [_name_dof(balance, int(d)) for d in balance.dofs],
