@@ -122,9 +122,13 @@ def _simulate(route: Route, text: str) -> list[Run]:
     runs = simulate_runs(text, conceal, rate=route.rate, seconds=6.0)
     if route.friction:
         return runs
-    # a trajectory controller's goals have no steps
-    return [Run(r.time[:-LATE], r.goal[LATE:], r.position[:-LATE], r.velocity[:-LATE])
-            for k, r in enumerate(runs) if k != 1]  # fmt: skip
+    # a trajectory controller's goals have no steps, and speeds of a bus are noisy
+    rng = np.random.default_rng(0)
+    return [
+        Run(r.time[:-LATE], r.goal[LATE:], r.position[:-LATE],
+            (r.velocity + rng.normal(0, 0.02, r.velocity.shape))[:-LATE])
+        for k, r in enumerate(runs) if k != 1
+    ]  # fmt: skip
 
 
 def _follow(route: Route, folder: Path) -> list[Run]:
