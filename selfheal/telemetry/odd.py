@@ -47,9 +47,9 @@ class Scores:
     """How badly each block fits what the other episodes tell.
 
     Attributes:
-        blocks: (B, D) share of the mean square that a block leaves [1]; of torques in
-            most of its rows, for what is odd of an episode is so all along, and a late
-            command only where it jumps.
+        blocks: (B, D) share of the mean square that a block leaves [1]. Of torques it
+            is by the median of their squares: an odd episode misses them all along,
+            and a late command only where it jumps.
         episode: (B) id of the episode of each block.
         names: (D) of the joints, or of what moves.
         words: how an episode that does not fit is told.
