@@ -124,7 +124,8 @@ def _find_harmful(
 
     That is the one without which held-out episodes are predicted best: clearly better,
     and by more nats of a segment than fitted ones are worse. A name whose values fitted
-    episodes do not tell stays where held-out ones are predicted clearly worse without.
+    episodes do not tell stays where held-out ones are predicted clearly worse without;
+    one too small to matter never does.
 
     Args:
         hypothesis: with names.
@@ -140,9 +141,10 @@ def _find_harmful(
     worst, most, growth = None, 0.0, dict[tuple, float]()
     uncertain = find_uncertain(fit)
     for name in hypothesis.named:
+        if name.term.is_negligible(values[name.term]):
+            return (name, _remove(fit, name.term)), growth
         less = fit_without(fit, name.term)
         is_told = name.term not in uncertain
-        is_told &= not name.term.is_negligible(values[name.term])
         without = judge.log_errors(less)
         growth[name.term.key] = float(np.exp(measure_lead(errors, without)))
         if is_told and not is_clearly_better(without, errors):
@@ -157,6 +159,17 @@ def _find_harmful(
         if is_clearly_better(without, errors) and lost > gained and lead > most:
             worst, most = (name, less), lead
     return worst, growth
+
+
+def _remove(fit: Fit, term: Term) -> Fit:
+    """The fit without a term too small to matter: the others keep their values."""
+    restored = fit.restore([term])
+    return fit_parameters(
+        fit.problem,
+        *restored.without_terms(term),
+        iterations=0,
+        jacobian=restored.jacobian_without(term),
+    )
 
 
 def find_uncertain(fit: Fit) -> list[Term]:
