@@ -106,14 +106,15 @@ def _make_source(trace: Trace) -> Any:
 
 def _make_plot(axes: "Axes", height: int) -> "figure":
     """An empty plot with the limits and the label of axes."""
-    from bokeh.models import PlainText
+    from bokeh.models import BasicTicker, PlainText, Range1d
     from bokeh.plotting import figure
 
-    plot = figure(height=height, y_range=axes.get_ylim(), active_drag="xbox_zoom",
+    limits = Range1d(*axes.get_ylim())
+    plot = figure(height=height, y_range=limits, active_drag="xbox_zoom",
                   tools="xbox_zoom,xwheel_zoom,xpan,reset")  # fmt: skip
     # a name from a file is no formula
     plot.yaxis.axis_label = PlainText(text=axes.get_ylabel())
     plot.yaxis.minor_tick_line_color = plot.xaxis.minor_tick_line_color = None
-    plot.yaxis.ticker.desired_num_ticks = height // _TICK
+    plot.yaxis.ticker = BasicTicker(desired_num_ticks=height // _TICK)
     plot.background_fill_color = plot.border_fill_color = None
     return plot
