@@ -109,9 +109,9 @@ def _make_plot(axes: "Axes", height: int) -> "figure":
     from bokeh.models import BasicTicker, PlainText, Range1d
     from bokeh.plotting import figure
 
-    limits = Range1d(*axes.get_ylim())
-    plot = figure(height=height, y_range=limits, active_drag="xbox_zoom",
-                  tools="xbox_zoom,xwheel_zoom,xpan,reset")  # fmt: skip
+    low, high = axes.get_ylim()
+    plot = figure(height=height, y_range=Range1d(start=low, end=high),
+                  active_drag="xbox_zoom", tools="xbox_zoom,xwheel_zoom,xpan,reset")  # fmt: skip
     # a name from a file is no formula
     plot.yaxis.axis_label = PlainText(text=axes.get_ylabel())
     plot.yaxis.minor_tick_line_color = plot.xaxis.minor_tick_line_color = None

@@ -41,8 +41,7 @@ class Search:
     Attributes:
         fit: of what has a name so far.
         path: fits that were reached, each with a move more; the last is the answer.
-        near: fits with other moves: worth nearly as much as the last one or, where
-            slopes are rough, as much as promises it; simulations may prefer them.
+        near: fits with other moves that were worth nearly as much as the last one.
         first_ranking: candidates beside the model as given, each with the share of the
             mean square error that it leaves.
     """
@@ -100,12 +99,10 @@ class Search:
             if is_fresh:
                 self._directions = self._propose()
             before = {t.key for t in self.fit.named}
-            self.near = []
             if new := self._select(self._directions):
                 (best, _), *others = self._sort_earned()
                 near = [fit for net, fit in others if net > NEAR_SHARE * best]
-                self.near = [*near, *self.near][:MOST_NEAR]
-                self.fit, self._earned = new, []
+                self.fit, self.near, self._earned = new, near[:MOST_NEAR], []
                 for term in new.named:
                     if term.key not in before:
                         self._exchange(term, is_alike=True)
@@ -284,8 +281,7 @@ class Search:
             if is_far or worse == TRIED or failed == most_failed:
                 break
             self.say(f"trying {name_move(move, as_label=True)}", len(fit.named))
-            added = add_terms(fit, move, coordinates)
-            tried = self._eliminate(added)
+            tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
             # a Jacobian held too long misleads, or leads nowhere
             if not is_rough and (share * gain > price or failed < TRIED):
@@ -299,8 +295,6 @@ class Search:
             if is_small or net < 0 or compute_gains(fit, tried).sum() < 0:
                 self._excluded.add(name_move(move))
                 failed += 1
-                if is_rough and most[id(move)] > 0 and len(self.near) < MOST_NEAR:
-                    self.near.append(added)
                 continue
             earned.append((gain, price, share, tried))
             worse += net <= best

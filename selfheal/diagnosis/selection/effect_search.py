@@ -101,8 +101,8 @@ def _alternate(
     """States with one move more each, fitted to simulations before the next one.
 
     Where something touches slopes are rough, and a linear model holds near its values
-    alone. Moves that promise much are fitted beside the best one, and made where they
-    predict clearly better (the judge).
+    alone. Moves worth nearly as much as the best one are fitted beside it, and made
+    where they predict clearly better (the judge).
 
     Args:
         states: to go on from.
@@ -117,16 +117,15 @@ def _alternate(
             is_moved = search.make_move()
             record.add_tried(search.candidates)
             state = found[-1] = _keep_ranking(found[-1], search)
-            best, problem = state, states[0].problem
-            if is_moved:
-                search.finish()
-                best = _fit_set(search, search.fit, state, longer, rng, record)
+            if not is_moved:
+                break
+            search.finish()
+            problem = states[0].problem
+            best = _fit_set(search, search.fit, state, longer, rng, record)
             for linear in search.near:
                 tried = _fit_set(search, linear, state, longer, rng, record)
                 if is_clearly_better(*(_log_errors(problem, x) for x in (tried, best))):
                     best = tried
-            if best is state:
-                break
             found.append(best)
     return found
 
