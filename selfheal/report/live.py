@@ -110,8 +110,12 @@ def _make_plot(axes: "Axes", height: int) -> "figure":
     from bokeh.plotting import figure
 
     low, high = axes.get_ylim()
-    plot = figure(height=height, y_range=Range1d(start=low, end=high),
-                  active_drag="xbox_zoom", tools="xbox_zoom,xwheel_zoom,xpan,reset")  # fmt: skip
+    plot = figure(
+        height=height,
+        y_range=Range1d(start=low, end=high),
+        active_drag="xbox_zoom",
+        tools="xbox_zoom,xwheel_zoom,xpan,reset",
+    )
     # a name from a file is no formula
     plot.yaxis.axis_label = PlainText(text=axes.get_ylabel())
     plot.yaxis.minor_tick_line_color = plot.xaxis.minor_tick_line_color = None
