@@ -5,6 +5,8 @@ from typing import Any
 
 import typer
 
+AS_JSON = typer.Option("--json", help="One JSON object for scripts.")
+FORCE = typer.Option("--force", help="Overwrite what is at --out.")
 # pages of the documentation, from the top of the repository
 _DOCS = "docs"
 

@@ -14,7 +14,7 @@ import typer
 
 from selfheal.printable import join_names
 
-from ._options import complete, list_faults, out_file, out_folder
+from ._options import AS_JSON, FORCE, complete, list_faults, out_file, out_folder
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
@@ -22,7 +22,6 @@ from ._runs import choose_run_folder, refuse_existing
 if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
 
-_JSON = typer.Option("--json", help="One JSON object for scripts.")
 _NO_CHECK = typer.Option(
     metavar="NAME",
     help="A fault of logs to let pass, as `sign`.",
@@ -73,7 +72,7 @@ def diagnose(
     minutes: Annotated[
         float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
     ] = 30.0,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
@@ -234,10 +233,8 @@ def replay(
         Path | None,
         typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite what is at --out.")
-    ] = False,
-    as_json: Annotated[bool, _JSON] = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
@@ -314,7 +311,7 @@ def _is_prediction(path: Path) -> bool:
         return False
 
 
-def effects(as_json: Annotated[bool, _JSON] = False) -> None:
+def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the physics that can be found missing."""
     from selfheal.diagnosis.effects import load_catalogue
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import complete, list_damages, out_folder
+from ._options import AS_JSON, complete, list_damages, out_folder
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
@@ -18,7 +18,6 @@ from ._runs import RunFolder, refuse_settings
 if TYPE_CHECKING:
     from selfheal.recovery.record import HealRun
 
-_JSON = typer.Option("--json", help="One JSON object for scripts.")
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
 _DAMAGE = typer.Option(
@@ -48,7 +47,7 @@ def gait(
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
@@ -102,7 +101,7 @@ def heal(
     force: Annotated[
         bool, typer.Option("--force", help="Start over where a heal is already.")
     ] = False,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
@@ -148,7 +147,7 @@ def watch(
         float | None,
         typer.Option(help="Seconds in which commands repeat; found in them."),
     ] = None,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Say when a recording stopped fitting a body."""
     from selfheal.body.mjcf import load

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import complete, list_robot_names, out_folder
+from ._options import AS_JSON, complete, list_robot_names, out_folder
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -15,7 +15,6 @@ from ._runs import RunFolder, refuse_settings
 if TYPE_CHECKING:
     from selfheal.selfmodel.run import Run
 
-_JSON = typer.Option("--json", help="One JSON object for scripts.")
 _METHOD = typer.Option(
     help="default, paper, disagreement, random-batch or random-alternate."
 )
@@ -56,7 +55,7 @@ def identify(
     force: Annotated[
         bool, typer.Option("--force", help="Start over where a run is already.")
     ] = False,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find out what a robot's body is."""
@@ -203,7 +202,7 @@ def _summarize_run(run: "Run") -> Iterator[str]:
 
 def show(
     file: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A run.")],
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
@@ -230,7 +229,7 @@ def show(
         )
 
 
-def robots(as_json: Annotated[bool, _JSON] = False) -> None:
+def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the robots that can be asked."""
     from selfheal.robot.base import list_robots as listed
 

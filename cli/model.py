@@ -5,11 +5,11 @@ from typing import Annotated
 
 import typer
 
-from ._options import make_epilog, out_file
+from ._options import AS_JSON, FORCE, make_epilog, out_file
 from ._print import print_json, print_line
+from ._runs import refuse_existing
 
 app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
-_JSON = typer.Option("--json", help="One JSON object for scripts.")
 _EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
 
 
@@ -53,10 +53,8 @@ def prepare(
         list[str] | None,
         typer.Option(metavar="JOINT", help="A joint that gets no drive; once each."),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite what is at --out.")
-    ] = False,
-    as_json: Annotated[bool, _JSON] = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Write the MJCF of a robot with a drive at every joint that lacks one."""
     from selfheal.preparation.drives import Gains
@@ -106,8 +104,7 @@ def _check_arguments(
         )
     if out.resolve() == model.resolve():
         raise InputError(f"--out {out} would overwrite the model itself")
-    if out.exists() and not force:
-        raise InputError(f"{out} exists; --force replaces it, or give another name")
+    refuse_existing(out, force=force)
 
 
 def _read_gains(option: str, entries: "list[str] | tuple[()]") -> dict[str, float]:

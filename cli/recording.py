@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import make_epilog
+from ._options import AS_JSON, FORCE, make_epilog
 from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress
 from ._runs import refuse_existing
@@ -48,9 +48,7 @@ def check(
             help="The map it was imported by: say which of its rules to replace.",
         ),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object for scripts.")
-    ] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Say what a recording holds; refuse one that breaks the contract.
 
@@ -121,12 +119,8 @@ def import_log(
             help="Where the recording goes; with --guess the map, without it map.toml.",
         ),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite what is at --out.")
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="One JSON object for scripts.")
-    ] = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Make a recording of a log: CSV, Parquet, ROS bag, LeRobot, JSON, NPZ, MAT ..."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import make_epilog, out_folder
+from ._options import AS_JSON, make_epilog, out_folder
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -30,7 +30,6 @@ _ROBOTS = typer.Argument(
     "recordings.",
 )
 _FILE = typer.Argument(metavar="STUDY.h5", help="A study's file.")
-_JSON = typer.Option("--json", help="One JSON object for scripts.")
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -65,7 +64,7 @@ def _run_study(
     force: Annotated[
         bool, typer.Option("--force", help="Start over where a study is already.")
     ] = False,
-    as_json: Annotated[bool, _JSON] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """One study; which one, the command's name says."""
@@ -176,7 +175,9 @@ def _describe_progress(progress: "Progress") -> str:
     return ", ".join(words)
 
 
-def show(file: Annotated[Path, _FILE], as_json: Annotated[bool, _JSON] = False) -> None:
+def show(
+    file: Annotated[Path, _FILE], as_json: Annotated[bool, AS_JSON] = False
+) -> None:
     """Show a finished or interrupted study."""
     _show_study(file, as_json)
 

@@ -160,6 +160,11 @@ def _delete_visual_meshes(spec: "mujoco.MjSpec") -> None:
     geoms = spec.geoms
     for geom in [geoms[i] for i in list_visual_meshes(spec)]:
         spec.delete(geom)
+    delete_unused_meshes(spec)
+
+
+def delete_unused_meshes(spec: "mujoco.MjSpec") -> None:
+    """Delete meshes that no geom has."""
     used = {geom.meshname for geom in spec.geoms}
     for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
         spec.delete(mesh)

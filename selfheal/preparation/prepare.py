@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from ..errors import ModelError
 from ..files import atomic_path
-from ..limited_reading import explain_dangerous
 from ..mjcf.asset_paths import relocate_paths
 from ..mjcf.document import MjcfDocument, describe_refusal, is_urdf
 from ..mjcf.xml_text import Element, encode_text, format_path, parse
-from ..mujoco_files import refuse_xacro
+from ..mujoco_files import delete_unused_meshes
 from ..printable import join_names, quote_name
 from ..recording import load_model, read_spec
+from ..recording.names import refuse_dangerous_model
 from .contacts import find_touching_pairs
 from .drives import Drive, Gains, build_drives, list_followers
 from .inertias import mend_inertias
@@ -60,11 +60,8 @@ def prepare_model(
         ModelError: MuJoCo cannot read the model, or it holds macros of xacro.
         InputError: a joint has no gain, or a gain no joint.
     """
-    refuse_xacro(path)
     name = os.fspath(path)
-    if reason := explain_dangerous(name, "selfheal.recording.names:compile_model",
-                                   "mujoco"):  # fmt: skip
-        raise ModelError(f"{name}: {reason}")
+    refuse_dangerous_model(name)
     try:
         spec = read_spec(path)
         steps = [*_describe_meshes(name, spec), *mend_inertias(spec)]
@@ -145,9 +142,7 @@ def _leave_out_shapes(spec: "mujoco.MjSpec") -> Iterator[str]:
         spec.delete(geom)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
-    used = {geom.meshname for geom in spec.geoms}
-    for mesh in [mesh for mesh in spec.meshes if mesh.name not in used]:
-        spec.delete(mesh)
+    delete_unused_meshes(spec)
     yield "left out shapes that give no inertia: nothing touches anything"
 
 

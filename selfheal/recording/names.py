@@ -57,9 +57,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
         ModelError: MuJoCo cannot load it; the message is MuJoCo's.
     """
     name = os.fspath(path)
-    refuse_xacro(name)
-    if reason := explain_dangerous(name, f"{__name__}:compile_model", "mujoco"):
-        raise ModelError(f"{name}: {reason}")
+    refuse_dangerous_model(name)
     try:
         model = compile_model(name)
     except (ValueError, OSError) as error:
@@ -74,6 +72,17 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
     if not 0 < (step := model.opt.timestep) < np.inf:
         raise ModelError(f"{name}: its timestep is {step:g} s; would fit: more than 0")
     return model
+
+
+def refuse_dangerous_model(name: str) -> None:
+    """Refuse macros of xacro, and a file whose reading ends or outlasts a process.
+
+    Raises:
+        ModelError: it is one.
+    """
+    refuse_xacro(name)
+    if reason := explain_dangerous(name, f"{__name__}:compile_model", "mujoco"):
+        raise ModelError(f"{name}: {reason}")
 
 
 def compile_model(name: str) -> "mujoco.MjModel":

@@ -165,11 +165,17 @@ class Recording:
 
     def _describe(self) -> str:
         """What it is, in a line."""
-        seconds = sum(np.ptp(e.time) for e in self.episodes.values() if e.time.size)
+        episodes = self.episodes.values()
+        seconds = sum(np.ptp(e.time) for e in episodes if e.time.size)
+        signals = {
+            (name, s.kind, s.target, s.unit)
+            for e in episodes
+            for name, s in e.signals.items()
+        }
         robot = f" of {self.robot}" if self.robot else ""
         return (
             f"Recording{robot}, {seconds:.1f} s; episodes: {len(self.episodes)}, "
-            f"signals: {len(self._list_signals()['signal'])}"
+            f"signals: {len(signals)}"
         )
 
     def _list_signals(self) -> Columns:

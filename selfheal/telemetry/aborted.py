@@ -38,12 +38,13 @@ def find_aborted(
     names = np.array(series.ids)[series.episode]
     if len(ids) < MIN_EPISODES:
         return []
+    left = {j: _measure_left(comparison, j, series, names) for j in comparison.first}
     best: tuple[float, str, list[str], float, float] | None = None
     for episode in ids:
         found = {
             joint: judged
-            for joint in comparison.first
-            if (judged := _judge(comparison, joint, series, names, episode))
+            for joint, each in left.items()
+            if (judged := _judge(each, series, episode))
         }
         lost = [joint for joint, (here, there, p) in found.items()
                 if here > max(MIN_LEFT, TIMES * there)
@@ -66,10 +67,10 @@ def find_aborted(
     )]  # fmt: skip
 
 
-def _judge(
-    comparison: Comparison, joint: str, series: Series, names: np.ndarray, episode: str
-) -> tuple[float, float, float] | None:
-    """What a command leaves of a position in an episode, at most in others, and the p.
+def _measure_left(
+    comparison: Comparison, joint: str, series: Series, names: np.ndarray
+) -> dict[str, tuple[float, int]]:
+    """What a command leaves of a position in each episode [1], and in how many rows.
 
     Gain and lag are those of each episode, for they change with how fast it moves.
 
@@ -78,21 +79,35 @@ def _judge(
         joint: its name.
         series: of the recording.
         names: (N) id of the episode of each row.
+    """
+    relations = {
+        name: comparison.relate(joint, joint, series, np.flatnonzero(names == name))
+        for name in series.ids
+    }
+    return {
+        name: (1 - relation.r**2, relation.rows)
+        for name, relation in relations.items()
+        if relation.is_known
+    }
+
+
+def _judge(
+    left: Mapping[str, tuple[float, int]], series: Series, episode: str
+) -> tuple[float, float, float] | None:
+    """What a command leaves of a position in an episode, at most in others, and the p.
+
+    Args:
+        left: in each episode, from `_measure_left`.
+        series: of the recording.
         episode: that is asked about.
     """
     from scipy.stats import f
 
-    left, rows = dict[str, float](), dict[str, int]()
-    for name in series.ids:
-        relation = comparison.relate(
-            joint, joint, series, np.flatnonzero(names == name)
-        )
-        if relation.is_known:
-            left[name], rows[name] = 1 - relation.r**2, relation.rows
     if episode not in left or len(left) < MIN_EPISODES:
         return None
-    here, count = left.pop(episode), rows.pop(episode)
+    here, count = left[episode]
+    others = [each for name, each in left.items() if name != episode]
     independent = INDEPENDENT_KERNELS * series.kernel / series.step
-    there = max(left.values())
-    counts = [max(n / independent, 1.0) for n in (count, sum(rows.values()))]
+    there = max(share for share, _ in others)
+    counts = [max(n / independent, 1.0) for n in (count, sum(n for _, n in others))]
     return here, there, float(f.sf(here / max(there, 1e-12), *counts))

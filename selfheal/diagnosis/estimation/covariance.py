@@ -17,7 +17,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.declaration import Parameter
 from .fit import Fit
-from .problem import Problem, assign_blocks
+from .problem import Problem, list_block_rows
 from .quadratic_model import prior_precision
 from .settings import FIT
 
@@ -116,9 +116,8 @@ def _gradient_covariances(
         jacobian: (R, P) A, its columns of length 1.
         information: (P, P) A'A.
     """
-    block = assign_blocks(problem)[problem.segment_of_residual]
     gradients = np.stack(
-        [jacobian[block == b].T @ residuals[block == b] for b in np.unique(block)]
+        [jacobian[rows].T @ residuals[rows] for rows in list_block_rows(problem)]
     )
     count, free = len(gradients), len(residuals) - len(jacobian.T)
     usual = information * float(residuals @ residuals) / max(free, 1)

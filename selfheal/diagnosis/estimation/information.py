@@ -12,7 +12,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..effects.base import Term
 from .fit import Fit
-from .problem import assign_blocks
+from .problem import list_block_rows
 from .quadratic_model import prior_precision
 
 MAX_VARIANCE_INFLATION = 10.0  # from which on a value is confounded (Marquardt 1970)
@@ -43,8 +43,7 @@ class Information:
     @classmethod
     def build(cls, fit: Fit) -> "Information":
         """That of a fit, with a Jacobian near its values."""
-        block = assign_blocks(fit.problem)[fit.problem.segment_of_residual]
-        parts = [np.flatnonzero(block == b) for b in np.unique(block)]
+        parts = list_block_rows(fit.problem)
         slopes = [(fit.jacobian[rows], fit.residuals[rows]) for rows in parts]
         return cls(
             tuple(_name_parameters(fit.terms)),

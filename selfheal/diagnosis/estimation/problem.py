@@ -362,3 +362,9 @@ def assign_blocks(problem: Problem) -> np.ndarray:
     """(W) number of each segment's block; neighbors in time share one."""
     count = len(problem.segments)
     return np.arange(count) * min(FIT.max_blocks, count) // count
+
+
+def list_block_rows(problem: Problem) -> list[np.ndarray]:
+    """Numbers of the residuals of each block."""
+    block = assign_blocks(problem)[problem.segment_of_residual]
+    return [np.flatnonzero(block == b) for b in np.unique(block)]

@@ -7,6 +7,7 @@ import numpy as np
 
 from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
+from ..effects.inertia import spatial_inertia
 from .model_source import ModelSource, differs, name_or_id
 
 # MJCF's other ways to state an orientation, which `quat` takes the place of
@@ -84,13 +85,8 @@ def _edit_moments(
         new: compiled, as the text is to be.
         body: its id.
     """
-    import mujoco
-
     if np.isfinite(element.fullinertia[0]):
-        axes = np.empty(9)
-        mujoco.mju_quat2Mat(axes, new.body_iquat[body])
-        turn = axes.reshape(3, 3)
-        tensor = turn @ np.diag(new.body_inertia[body]) @ turn.T
+        tensor = spatial_inertia(new, body)
         full = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         close = MIN_PRODUCT_SHARE * full.max()
         if np.abs(full - element.fullinertia).max() <= close:

@@ -229,10 +229,11 @@ class Diagnosis:
 
     def _write_for_others(self, folder: Path) -> dict[str, str]:
         """Texts of the files that other simulators read, by their names."""
-        given = patched = load_model(self.model)
         if self.edits:  # both in the digits of a text, which a URDF becomes
             each = ((), self.edits)
             given, patched = (compile_patched(self.model, e).compile() for e in each)
+        else:
+            given = patched = load_model(self.model)
         name = os.path.basename(self.model)
         actuators = describe_actuators(given, patched, self.document, name)
         texts = {

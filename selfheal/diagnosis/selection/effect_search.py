@@ -120,14 +120,21 @@ def _alternate(
             if not is_moved:
                 break
             search.finish()
-            problem = states[0].problem
-            best = _fit_set(search, search.fit, state, longer, rng, record)
-            for linear in search.near:
-                tried = _fit_set(search, linear, state, longer, rng, record)
-                if is_clearly_better(*(_log_errors(problem, x) for x in (tried, best))):
-                    best = tried
-            found.append(best)
+            moves = (search.fit, *search.near)
+            tried = [_fit_set(search, x, state, longer, rng, record) for x in moves]
+            found.append(_choose(states[0].problem, tried))
     return found
+
+
+def _choose(problem: Problem, states: Sequence[SearchState]) -> SearchState:
+    """The first state, or a later one that predicts segments clearly better."""
+    best, *others = states
+    least = _log_errors(problem, best) if others else []
+    for state in others:
+        errors = _log_errors(problem, state)
+        if is_clearly_better(errors, least):
+            best, least = state, errors
+    return best
 
 
 def _log_errors(problem: Problem, state: SearchState) -> list[Floats]:

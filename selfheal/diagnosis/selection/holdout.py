@@ -142,7 +142,7 @@ def _find_harmful(
     uncertain = find_uncertain(fit)
     for name in hypothesis.named:
         if name.term.is_negligible(values[name.term]):
-            return (name, _remove(fit, name.term)), growth
+            return (name, _refit_without(fit, name.term, 0)), growth
         less = fit_without(fit, name.term)
         is_told = name.term not in uncertain
         without = judge.log_errors(less)
@@ -159,17 +159,6 @@ def _find_harmful(
         if is_clearly_better(without, errors) and lost > gained and lead > most:
             worst, most = (name, less), lead
     return worst, growth
-
-
-def _remove(fit: Fit, term: Term) -> Fit:
-    """The fit without a term too small to matter: the others keep their values."""
-    restored = fit.restore([term])
-    return fit_parameters(
-        fit.problem,
-        *restored.without_terms(term),
-        iterations=0,
-        jacobian=restored.jacobian_without(term),
-    )
 
 
 def find_uncertain(fit: Fit) -> list[Term]:
@@ -206,12 +195,17 @@ def find_uncertain(fit: Fit) -> list[Term]:
 def fit_without(fit: Fit, term: Term) -> Fit:
     """A fit of all terms but one, from where the linearization of all of them leads."""
     step = LinearizedFit.from_fit(fit).step_without([term])
-    moved = replace(fit.restore([term]), values=fit.values + step)
+    return _refit_without(replace(fit, values=fit.values + step), term, 3)
+
+
+def _refit_without(fit: Fit, term: Term, iterations: int) -> Fit:
+    """A fit of all terms but one from where the others are; 0 iterations move none."""
+    restored = fit.restore([term])
     return fit_parameters(
         fit.problem,
-        *moved.without_terms(term),
-        iterations=3,
-        jacobian=moved.jacobian_without(term),
+        *restored.without_terms(term),
+        iterations=iterations,
+        jacobian=restored.jacobian_without(term),
         only_updates=True,
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...mujoco_files import list_visual_meshes
+from ...mujoco_files import delete_unused_meshes, list_visual_meshes
 from ...recording import load_model, read_spec
 from ...recording.data import Floats
 from ..effects.base import Term, implements
@@ -266,9 +266,7 @@ def _replace_visual_meshes(spec, given) -> None:
     geoms = spec.geoms
     for g in list_visual_meshes(spec):
         _become_box(geoms[g], given, g)
-    used = {geom.meshname for geom in spec.geoms}
-    for mesh in [m for m in spec.meshes if m.name not in used]:
-        spec.delete(mesh)
+    delete_unused_meshes(spec)
 
 
 def _become_box(geom, compiled, g: int) -> None:

@@ -1,6 +1,6 @@
 """Held values: takes raw columns, finds those that are frozen or clipped."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +32,8 @@ JUMP_QUANTILE, JUMP = 0.98, 3.0
 ENTRY_QUANTA = 4.0
 # episode, time [s] or value [unit], seconds or samples, log of the p-value
 Case = tuple[str, float, float, float]
+# episode, signal, times and readings (n)
+Column = tuple[str, str, Floats, Floats]
 
 
 @dataclass(frozen=True)
@@ -157,18 +159,35 @@ def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> boo
     return bool(moved) and not any(moved)
 
 
-def _list_columns(
+def _list_columns(recording: Recording) -> Iterator[Column]:
+    """Columns that change most often."""
+    return list_columns(
+        recording, CHECKED, MIN_HELD_SAMPLES,
+        lambda values: (np.diff(values, axis=0) != 0).sum(axis=0),
+    )  # fmt: skip
+
+
+def list_columns(
     recording: Recording,
-) -> Iterator[tuple[str, str, Floats, Floats]]:
-    """Episode, signal, times and readings of each signal's liveliest column."""
+    kinds: Collection[str],
+    least: int,
+    measure: Callable[[Floats], Floats],
+) -> Iterator[Column]:
+    """The liveliest column of each signal in each episode.
+
+    Args:
+        recording: of the robot.
+        kinds: of the signals.
+        least: samples that are read.
+        measure: how lively (d) columns (n, d) are.
+    """
     for episode, e in recording.episodes.items():
         for name, signal in e.signals.items():
             values = signal.values.reshape(e.time.size, -1)
             read = np.isfinite(values).all(axis=1)
-            if signal.kind not in CHECKED or read.sum() < MIN_HELD_SAMPLES:
+            if signal.kind not in kinds or read.sum() < least:
                 continue
-            changes = (np.diff(values[read], axis=0) != 0).sum(axis=0)
-            column = int(np.argmax(changes))
+            column = int(np.argmax(measure(values[read])))
             yield episode, name, e.time[read], values[read, column]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from ...recording import Recording
 from ...recording.data import Floats
 from ..fault import Fault, format_columns, write_mend
-from .columns import CHECKED
+from .columns import CHECKED, list_columns
 
 MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
 JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two
@@ -55,7 +55,12 @@ def find_stale(recording: Recording, goals: Mapping[str, str]) -> list[Fault]:
     """
     held: dict[str, list[tuple[str, Hold]]] = {}
     count = 0
-    for episode, name, time, values in _list_columns(recording):
+    for episode, name, time, values in list_columns(
+        recording,
+        (*CHECKED, "joint_torque"),
+        MIN_JUMPS,
+        lambda values: np.std(values, axis=0),
+    ):
         count += 1
         hold = measure_hold(time, values)
         if hold and not _follows(recording, episode, goals.get(name), hold):
@@ -108,20 +113,6 @@ def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -
     changes = np.flatnonzero(np.diff(e.ctrl[:, e.ctrl_names.index(goal)]))
     usual = float(np.median(np.diff(changes))) if changes.size > 1 else 0.0
     return usual > 1 and abs(usual - hold.samples) <= 1
-
-
-def _list_columns(
-    recording: Recording,
-) -> Iterator[tuple[str, str, Floats, Floats]]:
-    """Episode, signal, times and readings of each signal's most moving column."""
-    for episode, e in recording.episodes.items():
-        for name, signal in e.signals.items():
-            values = signal.values.reshape(e.time.size, -1)
-            read = np.isfinite(values).all(axis=1)
-            if signal.kind not in (*CHECKED, "joint_torque") or read.sum() < MIN_JUMPS:
-                continue
-            column = int(np.argmax(np.std(values[read], axis=0)))
-            yield episode, name, e.time[read], values[read, column]
 
 
 def _tell(
