@@ -63,7 +63,7 @@ def check(
     )
 
     if map_file is not None and model is None:
-        raise InputError("--map needs --model MODEL.xml, whose check mends it")
+        raise InputError("--map needs --model MODEL.xml, whose check corrects it")
     recording = read(file) if model is None else read(file, model=str(model))
     found = None
     if model is not None:
@@ -74,7 +74,7 @@ def check(
         found = examine_telemetry(recording, compiled)
     summary = _summarize_recording(recording, model, found)
     if map_file is not None and found is not None:
-        summary["mended"] = _list_mended_rules(map_file, found, recording)
+        summary["corrected_rules"] = _list_corrected_rules(map_file, found, recording)
     if as_json:
         print_json(summary)
     else:
@@ -229,8 +229,10 @@ def _summarize_recording(
     }
     if found is not None:
         summary["telemetry"] = [
-            {**asdict(fault), "decisive": fault.is_decisive} for fault in found.faults
-        ]
+            {**asdict(fault), "corrections": [*map(str, fault.corrections)],
+             "decisive": fault.is_decisive}
+            for fault in found.faults
+        ]  # fmt: skip
         summary["unchecked"] = list(found.unchecked)
     return summary
 
@@ -258,19 +260,19 @@ def _summarize_episode(name: str, episode: "Episode") -> dict[str, Any]:
     }
 
 
-def _list_mended_rules(
+def _list_corrected_rules(
     map_file: Path, found: "Telemetry", recording: "Recording"
 ) -> list[dict[str, Any]]:
     """Rules of a map, and what is to stand in their place."""
     from selfheal.logs.log_map import read_map
     from selfheal.logs.map_rules import format_rule
-    from selfheal.telemetry.map_mends import mend_rules
+    from selfheal.telemetry.map_corrections import correct_rules
 
-    mended = mend_rules(read_map(map_file), found.faults, recording)
+    corrected = correct_rules(read_map(map_file), found.faults, recording)
     return [
         {"map": str(map_file), "rule": number, "lines": [
             line for rule in rules for line in (*format_rule(rule), "")]}
-        for number, rules in mended.items()
+        for number, rules in corrected.items()
     ]  # fmt: skip
 
 
@@ -286,7 +288,7 @@ def _print_tables(summary: dict[str, Any]) -> None:
 
 
 def _print_telemetry(summary: dict[str, Any]) -> None:
-    """Each fault of the log with its mend, and what was not looked at."""
+    """Each fault of the log with its corrections, and what was not looked at."""
     for fault in summary.get("telemetry", []):
         every = len(fault["episodes"]) == len(summary["episodes"])
         names = ", ".join(fault["episodes"])
@@ -295,16 +297,16 @@ def _print_telemetry(summary: dict[str, Any]) -> None:
             f"{fault['kind']} ({episodes}, p {_format_p_value(fault['p_value'])}): "
             f"{fault['seen']}", "  ",
         )  # fmt: skip
-        for line in fault["mend"].splitlines():
-            if not (line.startswith("[[signals]]") and summary.get("mended")):
-                print_paragraph(f"  mend: {line}", "    ")
+        for line in fault["corrections"]:
+            if not (line.startswith("[[signals]]") and summary.get("corrected_rules")):
+                print_paragraph(f"  correction: {line}", "    ")
     if summary.get("telemetry") == []:
         print_line("telemetry: no fault of the log was found")
-    for mended in summary.get("mended", []):
+    for rule in summary.get("corrected_rules", []):
         print_paragraph(
-            f"in {mended['map']}, in place of the {mended['rule'] + 1}. [[signals]]:"
+            f"in {rule['map']}, in place of the {rule['rule'] + 1}. [[signals]]:"
         )
-        for line in mended["lines"]:
+        for line in rule["lines"]:
             print_line(f"    {line}".rstrip())
     for reason in summary.get("unchecked", []):
         print_paragraph(f"not checked: {reason}", "  ")

@@ -63,7 +63,7 @@ def find_aborted(
         f"in episode {episode!r} {len(lost)} joints do not follow their commands: "
         f"{100 * score / len(lost):.2g} % of the square of their motion is left, and "
         f"in no other episode more than {100 * there:.2g} %: it was aborted, say",
-        p, BASIS, f"leave episode {episode!r} out",
+        p, BASIS, (f"leave episode {episode!r} out",),
     )]  # fmt: skip
 
 

@@ -5,14 +5,15 @@ follow from positions alone: no force takes part.
 """
 
 from collections.abc import Collection, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..recording import Recording
 from ..recording.data import Floats
 from .balance import TorqueBalance
-from .fault import Fault, format_columns, write_mend
+from .correction import ColumnCorrection, correct_factor
+from .fault import Fault, format_columns
 from .pairs import (
     DEPENDENT_ROWS,
     MIN_ROWS,
@@ -115,7 +116,7 @@ class BodyCheck:
                     f"{format_columns([name])} is written x y z w, not w x y z: {what} "
                     f"are off by {given:.2g} of their mean square as it is, by "
                     f"{other:.2g} in the other order",
-                    p, BASES["order"], write_mend("signals", name, "order", "xyzw"),
+                    p, BASES["order"], (ColumnCorrection(name, {"order": "xyzw"}),),
                 )  # fmt: skip
         return None
 
@@ -252,12 +253,13 @@ class BodyCheck:
         ]
         flipped = [i for i in every if _is_reversed(table[i][i])]
         if flipped:
-            signs = ", ".join("-1" if i in flipped else "1" for i in every)
+            signs = [-1 if i in flipped else 1 for i in every]
             first = table[flipped[0]][flipped[0]]
             found.append(self._make(
                 "sign", name, target,
                 f"columns {flipped} of {format_columns([name])} are the opposite of "
-                f"{what} (correlation {first.r:.2f})", "sign", f"[{signs}]", first,
+                f"{what} (correlation {first.r:.2f})",
+                ColumnCorrection(name, {"sign": signs}), first,
             ))  # fmt: skip
         scaled = [table[i][i] for i in every if table[i][i].has_other_unit]
         if scaled and not flipped:
@@ -265,7 +267,7 @@ class BodyCheck:
             unit = name_unit(ratio) or "another unit"
             found.append(self._make(
                 "unit", name, target, f"{format_columns([name])} is {ratio:.4g} times "
-                f"{what}: {unit}", "scale", 1 / ratio, scaled[0],
+                f"{what}: {unit}", correct_factor(name, 1 / ratio), scaled[0],
             ))  # fmt: skip
         for i in every:
             for k in range(i + 1, got.shape[1]):
@@ -278,13 +280,14 @@ class BodyCheck:
                         f"columns {i} and {k} of {format_columns([name])} "
                         "are exchanged: each follows what the "
                         f"other should be, {what} (correlation {table[i][k].r:.2f})",
-                        "columns", f"{_swap(list(every), i, k)}", table[i][k],
+                        ColumnCorrection(name, {"columns": _swap(every, i, k)}),
+                        table[i][k],
                     ))  # fmt: skip
         return found
 
     def _make(
-        self, kind: str, name: str, target: str, seen: str, key: str, value: Any,
-        relation: Relation,
+        self, kind: str, name: str, target: str, seen: str,
+        correction: ColumnCorrection, relation: Relation,
     ) -> Fault:  # fmt: skip
         """A fault of one signal.
 
@@ -293,13 +296,14 @@ class BodyCheck:
             name: of the signal.
             target: body or sensor.
             seen: what was.
-            key, value: of the map file.
+            correction: of the column.
             relation: that tells it.
         """
-        mend = write_mend("signals", name, key, value)
         p = correlation_p_value(relation.r, relation.rows, DEPENDENT_ROWS)
         every = self.series.episodes
-        return Fault(kind, every, (name,), target, seen, p, BASES["columns"], mend)
+        return Fault(
+            kind, every, (name,), target, seen, p, BASES["columns"], (correction,)
+        )
 
     def _check_predicted(self) -> list[Fault]:
         """Model sensors and poses against what the joints' positions give."""

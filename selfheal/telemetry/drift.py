@@ -85,7 +85,7 @@ def find_drift(
         f"{'later' if slope > 0 else 'earlier'} against {other} each second: "
         f"{abs(slope) * first.seconds:.2g} s in an episode",
         max(min(g.p_value for g in sure.values()) * len(known), 1e-300), BASIS,
-        f"[time.streams.NAME] of {format_columns(names)}: stretch = {1 - slope:.6g}",
+        (f"[time.streams.NAME] of {format_columns(names)}: stretch = {1 - slope:.6g}",),
     )]  # fmt: skip
 
 

@@ -1,10 +1,10 @@
-"""What is wrong with a log: the kinds of faults, what each means, how it is mended."""
+"""What is wrong with a log: the kinds of faults, what each means, what corrects it."""
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..errors import RecordingError, UnknownNameError
+from .correction import Correction
 
 # of a fault that refuses a diagnosis, the largest p-value; chosen: one log in a
 # thousand is refused for nothing at most
@@ -53,7 +53,7 @@ class Fault:
         p_value: probability to see this in a log without the fault [1]; `basis` says
             by which test.
         basis: of the p-value.
-        mend: lines for the log's map, or the attribute of the MJCF that is wrong.
+        corrections: of the log's map or of the model.
         alternatives: columns that may be at fault instead, as far as these data tell.
     """
 
@@ -64,7 +64,7 @@ class Fault:
     seen: str
     p_value: float
     basis: str
-    mend: str
+    corrections: tuple[Correction, ...]
     alternatives: tuple[str, ...] = ()
 
     @property
@@ -73,8 +73,9 @@ class Fault:
         return KINDS[self.kind] and self.p_value <= DECISIVE_P_VALUE
 
     def describe(self) -> str:
-        """What was seen, and what mends it, in one line."""
-        return f"{self.kind}: {self.seen}; mend: {', '.join(self.mend.splitlines())}"
+        """What was seen, and what corrects it, in one line."""
+        corrections = ", ".join(map(str, self.corrections))
+        return f"{self.kind}: {self.seen}; correction: {corrections}"
 
 
 def list_decisive(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
@@ -109,7 +110,7 @@ def refuse_faulty(
         skip: kinds that are not asked about.
 
     Raises:
-        RecordingError: lists the faults and the lines that mend them.
+        RecordingError: lists the faults and what corrects them.
     """
     found = list_decisive(faults, skip)
     if not found:
@@ -120,31 +121,8 @@ def refuse_faulty(
     kinds = " ".join(f"--no-check {k}" for k in dict.fromkeys(f.kind for f in found))
     raise RecordingError(
         f"{file}: log and model contradict each other, and no physics can be told from "
-        f"it: {'. '.join(said)}. Would fit: a mended log, or {kinds}"
+        f"it: {'. '.join(said)}. Would fit: a corrected log, or {kinds}"
     )
-
-
-def write_mend(table: str, name: str, key: str, value: float | str | bool) -> str:
-    """What in a log's map changes how a column is read (`selfheal.logs.log_map`).
-
-    Args:
-        table: "signals" or "ctrl".
-        name: of the signal or the actuator.
-        key: what is changed: "sign", "scale", "delay", "order", "columns", "targets",
-            "skip", "repeats", or "missing".
-        value: to what; a list is a text.
-    """
-    rule = "[[signals]]" if table == "signals" else '[[signals]] kind = "command",'
-    place = f"{rule} of {json.dumps(name)}"
-    if key == "skip":
-        return f"{place}: leave the column out"
-    if key == "repeats":
-        return f"{place}: leave repeated cells empty in the log, or the column out"
-    is_list = isinstance(value, str) and value.startswith("[")
-    text = f"{value:.6g}" if isinstance(value, float) else json.dumps(value)
-    if key == "scale" and value == -1:
-        key, text = "sign", "-1"
-    return f"{place}: {key} = {value if is_list else text}"
 
 
 def format_columns(names: Sequence[str]) -> str:

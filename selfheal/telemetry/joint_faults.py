@@ -8,6 +8,7 @@ import numpy as np
 from ..recording import Recording
 from .aborted import find_aborted
 from .balance import TorqueBalance
+from .correction import SKIP, ColumnCorrection
 from .disagreements import (
     MAX_COMMAND_LAG,
     MAX_VELOCITY_LAG,
@@ -19,7 +20,7 @@ from .disagreements import (
     find_disagreements,
 )
 from .drift import find_drift
-from .fault import Fault, format_columns, write_mend
+from .fault import Fault, format_columns
 from .joints import JointColumns
 from .odd import find_odd_columns, find_odd_zeros
 from .rollouts import Rollouts
@@ -302,7 +303,7 @@ class JointCheck:
         )
         return Fault(
             best.kind, episodes, (*best.signals, *best.commands), best.target,
-            f"{best.text} ({measured}){unclear}", p_value, basis, best.lines,
+            f"{best.text} ({measured}){unclear}", p_value, basis, best.corrections,
             tuple(c for o in others for c in (*o.signals, *o.commands)),
         )  # fmt: skip
 
@@ -317,7 +318,8 @@ class JointCheck:
             f"{format_columns([name])} is {abs(late):.2f} s late against {after} "
             f"(correlation {one.relation.r:.3f} there, {one.relation.here:.3f} at the "
             "same time)",
-            one.p_value, BASES[what], write_mend("signals", name, "delay", abs(late)),
+            one.p_value, BASES[what],
+            (ColumnCorrection(name, {"delay": abs(late)}),),
         )  # fmt: skip
 
     def _tell_derivative(self, one: Disagreement) -> Fault:
@@ -328,7 +330,7 @@ class JointCheck:
             f"{format_columns([j.position])} (correlation {one.relation.r:.2f} at "
             "best)",
             one.p_value, BASES["velocity"],
-            write_mend("signals", j.velocity, "skip", True),
+            (ColumnCorrection(j.velocity, {SKIP: True}),),
         )  # fmt: skip
 
 

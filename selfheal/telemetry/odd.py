@@ -91,7 +91,7 @@ def find_odd(series: Series, balance: TorqueBalance, rollouts: Rollouts) -> list
         f"episode {episode!r} does not fit the others: {scores.words} of "
         f"{scores.names[at]!r} by {100 * here:.2g} % of their mean square, and of no "
         f"other episode by more than {100 * there:.2g} %{cause}",
-        p, BASES["blocks"], f"leave episode {episode!r} out, or diagnose it alone",
+        p, BASES["blocks"], (f"leave episode {episode!r} out, or diagnose it alone",),
     )]  # fmt: skip
 
 
@@ -127,7 +127,8 @@ def find_odd_columns(
             f"{said}: {format_columns(list(filter(None, names)))} against its "
             f"{'position' if what == 'velocity' else 'command'}",
             one.p_value, BASES["columns"],
-            f"leave episode {', '.join(map(repr, one.episodes))} out, or mend it alone",
+            (f"leave episode {', '.join(map(repr, one.episodes))} out, or correct it "
+             "alone",),
         ))  # fmt: skip
     return faults
 
@@ -173,7 +174,7 @@ def find_odd_zeros(
                 f"its command than in most, and in no other by more than {there:.3g}: "
                 "another zero of its sensor, or a load",
                 float(p), BASES["blocks"],
-                f"leave episode {far[-1]!r} out, or diagnose it alone",
+                (f"leave episode {far[-1]!r} out, or diagnose it alone",),
             ))  # fmt: skip
     return faults
 

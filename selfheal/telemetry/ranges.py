@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording import Recording, find_joint, list_controls
-from .fault import Fault, format_columns, write_mend
+from .correction import Correction, ModelCorrection, correct_factor
+from .fault import Fault, format_columns
 from .joints import JointColumns
 from .pairs import SHARES, UNITS
-from .search import write_share
+from .search import correct_share
 
 if TYPE_CHECKING:
     import mujoco
@@ -102,7 +103,9 @@ def _check_joint(
         f"{format_columns([joint.position])} reaches {reached} {unit}, beyond the "
         f"model's range of {low:.4g} to {high:.4g} {unit}, for {seconds:.2f} s: the "
         "model's range is what is wrong, or the zero or unit of the column",
-        0.0, BASIS, f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/> [{unit}]',
+        0.0, BASIS,
+        (ModelCorrection(f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/>',
+                         unit),),
     )  # fmt: skip
 
 
@@ -133,7 +136,7 @@ def _check_unit(recording: Recording, joint: JointColumns, unit: str) -> Fault |
         "unit", tuple(having), (joint.position,), joint.name,
         f"{format_columns([joint.position])}: the unit is {said} (from {low:.4g} to "
         f"{high:.4g}, where the model's range is {bottom:.4g} to {top:.4g} {unit})",
-        0.0, BASIS, _write_unit(joint, fitting),
+        0.0, BASIS, (_correct_unit(joint, fitting),),
     )  # fmt: skip
 
 
@@ -159,15 +162,17 @@ def _list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> li
     return found
 
 
-def _write_unit(joint: JointColumns, fitting: Sequence[str]) -> str:
-    """The line of the map, by the units that fit, the likeliest first."""
+def _correct_unit(joint: JointColumns, fitting: Sequence[str]) -> Correction:
+    """How to read the column, by the units that fit, the likeliest first."""
     if fitting and fitting[0] in SHARES:
-        return write_share("signals", joint.position, joint, fitting[0])
+        return correct_share(joint.position, joint, fitting[0])
     if fitting:
-        return write_mend("signals", joint.position, "scale", 1 / UNITS[fitting[0]])
+        return correct_factor(joint.position, 1 / UNITS[fitting[0]])
     bottom, top = joint.range or (0.0, 0.0)
-    ends = f"[AT_LOW, AT_HIGH], to_range = [{bottom:.6g}, {top:.6g}]"
-    return write_mend("signals", joint.position, "from_range", ends)
+    return (
+        f"from_range = [AT_LOW, AT_HIGH], to_range = [{bottom:.6g}, {top:.6g}] of "
+        f"{format_columns([joint.position])}"
+    )
 
 
 def _check_command(
@@ -193,5 +198,5 @@ def _check_command(
         f"{highest:.4g}, beyond the model's {low:.4g} to {high:.4g}, for "
         f"{seconds:.2f} s: MuJoCo clips it",
         0.0, BASIS,
-        f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}',
+        (f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}',),
     )  # fmt: skip

@@ -4,14 +4,14 @@ A mend is tried in what explains the motion: the balance of torques, or simulati
 where there is none.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
-from .fault import format_columns, write_mend
+from .correction import ColumnCorrection, correct_factor
+from .fault import format_columns
 from .joints import JointColumns
 from .pairs import SHARES, list_units, name_unit
 from .states import Mend
@@ -34,7 +34,7 @@ class Candidate:
         signals: whose reading changes.
         commands: actuators whose command changes.
         target: joint or actuator.
-        lines: of the map file.
+        corrections: of the map.
         text: what is wrong, as the end of a sentence.
     """
 
@@ -43,7 +43,7 @@ class Candidate:
     signals: tuple[str, ...]
     commands: tuple[str, ...]
     target: str
-    lines: str
+    corrections: tuple[ColumnCorrection, ...]
     text: str
 
 
@@ -181,7 +181,7 @@ def make_candidate(
     unit = name_unit(ratio, span) if kind == "unit" else ""
     if unit:
         factor = 1 / list_units(span)[unit]
-    positions, commands, signals, acting, lines = {}, {}, [], [], []
+    positions, commands, signals, acting, corrections = {}, {}, [], [], []
     for to, source in pairs:
         one, other = joints[to], joints[source]
         if "position" in parts:
@@ -190,12 +190,12 @@ def make_candidate(
             name = getattr(other, part)
             if part in parts and name:
                 signals.append(name)
-                lines.append(_write(kind, "signals", name, factor, one, unit))
+                corrections.append(_correct(kind, name, factor, one, unit))
         if "command" in parts:
             for a, b in zip(one.commands, other.commands, strict=False):
                 commands[a] = (b, factor)
                 acting.append(b)
-                lines.append(_write(kind, "ctrl", b, factor, one, unit, a))
+                corrections.append(_correct(kind, b, factor, one, unit, a))
     mend = Mend(positions, commands)
     columns = format_columns([*signals, *acting])
     text = {
@@ -204,7 +204,7 @@ def make_candidate(
         "exchange": f"{columns} are exchanged",
     }[kind]
     return Candidate(
-        kind, mend, tuple(signals), tuple(acting), joint, "\n".join(lines), text
+        kind, mend, tuple(signals), tuple(acting), joint, tuple(corrections), text
     )
 
 
@@ -212,37 +212,40 @@ def _list_read(joint: JointColumns) -> tuple[str, ...]:
     return ("position", "velocity") if joint.velocity else ("position",)
 
 
-def write_share(table: str, name: str, joint: JointColumns, unit: str) -> str:
-    """The line of the map for a column that is a share of its joint's range.
+def correct_share(
+    name: str, joint: JointColumns, unit: str, *, is_command: bool = False
+) -> ColumnCorrection:
+    """How a column is read that is a share of its joint's range.
 
     Args:
-        table: "signals" or "ctrl".
         name: of the signal or the actuator.
         joint: that has a range.
         unit: a name of `SHARES`.
+        is_command: whether it is an actuator's.
     """
     low, high = joint.range or (0.0, 1.0)
-    ends = f"[0, {SHARES[unit]:.6g}], to_range = [{low:.6g}, {high:.6g}]"
-    return write_mend(table, name, "from_range", ends)
+    ends = {"from_range": [0.0, SHARES[unit]], "to_range": [low, high]}
+    return ColumnCorrection(name, ends, is_command)
 
 
-def _write(
-    kind: str, table: str, name: str, factor: float, joint: JointColumns, unit: str,
+def _correct(
+    kind: str, name: str, factor: float, joint: JointColumns, unit: str,
     actuator: str = "",
-) -> str:  # fmt: skip
-    """The line of the map that reads a column otherwise.
+) -> ColumnCorrection:  # fmt: skip
+    """How a column is read otherwise.
 
     Args:
         kind: of the fault.
-        table: "signals" or "ctrl".
         name: of the signal or the actuator.
         factor: of the column.
         joint: which it then is of.
         unit: that it is in; "" where that is unknown.
-        actuator: which it then commands.
+        actuator: which it then commands; "" of a signal.
     """
+    is_command = bool(actuator)
     if kind == "exchange":
-        return write_mend(table, name, "targets", json.dumps([actuator or joint.name]))
+        targets = {"targets": [actuator or joint.name]}
+        return ColumnCorrection(name, targets, is_command)
     if unit in SHARES:
-        return write_share(table, name, joint, unit)
-    return write_mend(table, name, "scale", factor)
+        return correct_share(name, joint, unit, is_command=is_command)
+    return correct_factor(name, factor, is_command=is_command)

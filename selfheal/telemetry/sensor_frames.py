@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..recording.data import Floats
+from .correction import ModelCorrection
 from .fault import Fault, format_columns
 from .pairs import DEPENDENT_ROWS, MIN_ROWS
 from .series import Series
@@ -106,7 +107,7 @@ def _tell(
         f"positions give by {100 * turn.left:.2g} % of its mean square, as the model "
         f"has it by {100 * turn.given:.2g} %",
         float(f.sf(turn.given / max(turn.left, 1e-12), count, count)), BASIS,
-        format_site(model, site, turn),
+        (ModelCorrection(format_site(model, site, turn)),),
     )  # fmt: skip
 
 

@@ -9,11 +9,12 @@ from ..logs.model_facts import format_servo
 from ..recording import NO_ACTUATORS, Recording, find_joint
 from ..recording.data import Floats
 from .balance import TorqueBalance
+from .correction import ModelCorrection
 from .fault import Fault, format_columns
 from .joint_faults import MAX_LEFT
 from .joints import follows_command
 from .pairs import FAR_BETTER, UNIT_RATIO, correlation_p_value, relate
-from .states import Mend, States, free_joint_type, write_base_mend
+from .states import Mend, States, correct_base, free_joint_type
 
 if TYPE_CHECKING:
     import mujoco
@@ -66,7 +67,7 @@ def _find_free_bases(
                 f"body {name!r} has a free joint and no ground below it, and no signal "
                 "tells its pose: in the model it falls",
                 0.0, COUNTED,
-                write_base_mend(name),
+                correct_base(name),
             )  # fmt: skip
 
 
@@ -89,7 +90,7 @@ def find_missing_actuators(
             "no_actuator", tuple(recording.episodes), (), "",
             "the model has no actuators, but something drives the robot: it gives "
             f"{share:.0%} of the energy that the motion turns over",
-            0.0, COUNTED, NO_ACTUATORS,
+            0.0, COUNTED, (NO_ACTUATORS,),
         )  # fmt: skip
 
 
@@ -125,8 +126,9 @@ def _find_motors_sent_goals(
             f"joint {joint.name!r} follows it (correlation {relation.r:.3f}), and the "
             "model's actuator is a motor, which takes a torque",
             correlation_p_value(relation.r, relation.rows, independent), FOLLOWED,
-            f"in the model, in the motor's place: {format_servo(model, command)}\n"
-            "with the drive's gains for KP and KV; or log the torques as commands",
+            (ModelCorrection(format_servo(model, command)),
+             "in the motor's place, with the drive's gains for KP and KV; or log the "
+             "torques as commands"),
         )  # fmt: skip
 
 
@@ -180,7 +182,7 @@ def _find_permanent_contacts(
                 f"in the model bodies {one!r} and {other!r} touch in every pose of the "
                 "log: if the real ones do not, their friction and push are wrong",
                 0.0, COUNTED,
-                f'<contact><exclude body1="{one}" body2="{other}"/></contact>',
+                (ModelCorrection(f'<exclude body1="{one}" body2="{other}"/>'),),
             )  # fmt: skip
 
 

@@ -1,6 +1,5 @@
 """Reported torques: takes them, finds signs and units, and copies of the command."""
 
-import json
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING
@@ -9,7 +8,8 @@ import numpy as np
 
 from ..recording import Recording
 from .balance import TorqueBalance
-from .fault import Fault, format_columns, write_mend
+from .correction import SKIP, ColumnCorrection, correct_factor
+from .fault import Fault, format_columns
 from .joints import JointColumns
 from .pairs import FAR_BETTER, Relation, correlation_p_value, name_unit, relate
 from .series import Series
@@ -88,16 +88,16 @@ def _tell_exchange(
         series: of the recording.
     """
     r = min(a.r for a in across)
-    lines = [
-        write_mend("signals", a, "targets", json.dumps([actuators[b]]))
-        for a, b in ((one, other), (other, one))
-    ]
+    corrections = (
+        ColumnCorrection(one, {"targets": [actuators[other]]}),
+        ColumnCorrection(other, {"targets": [actuators[one]]}),
+    )
     return Fault(
         "exchange", series.episodes, (one, other), actuators[one],
         f"{format_columns([one, other])} are exchanged (correlation {r:.2f} with the "
         "torque that the motion of the other joint takes, low with its own)",
         max(correlation_p_value(a.r, a.rows, 1.0) for a in across), BASIS,
-        "\n".join(lines),
+        corrections,
     )  # fmt: skip
 
 
@@ -120,7 +120,7 @@ def _judge(
         return Fault(
             "sign", ids, columns, actuator,
             f"{format_columns(columns)} has the other sign ({said})", p, BASIS,
-            write_mend("signals", name, "scale", -1.0),
+            (correct_factor(name, -1.0),),
         )  # fmt: skip
     one, other = abs(by_motion.ratio), abs(by_command.ratio)
     same = max(one / other, other / one) < AGREE
@@ -129,7 +129,7 @@ def _judge(
         return Fault(
             "unit", ids, columns, actuator,
             f"{format_columns(columns)} is {one:.4g} times too large: {unit} ({said})",
-            p, BASIS, write_mend("signals", name, "scale", 1 / one),
+            p, BASIS, (correct_factor(name, 1 / one),),
         )  # fmt: skip
     return None
 
@@ -156,5 +156,5 @@ def _check_copy(recording: Recording, name: str, actuator: str) -> Fault | None:
         "torque_is_command", tuple(ids), (name,), actuator,
         f"{format_columns([name])} is {gain:.6g} times the command of "
         f"{format_columns([actuator])} at all {x.size} samples: it was not measured",
-        0.0, "counted, not estimated", write_mend("signals", name, "skip", True),
+        0.0, "counted, not estimated", (ColumnCorrection(name, {SKIP: True}),),
     )  # fmt: skip

@@ -57,7 +57,7 @@ def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(
     doctor, files, tmp_path, monkeypatch
 ):
     mend = "signals.q.scale = -1"
-    odd = Fault("sign", ("a",), ("q",), "j", "q is flipped", 1e-9, "a test", mend)
+    odd = Fault("sign", ("a",), ("q",), "j", "q is flipped", 1e-9, "a test", (mend,))
     wide = replace(odd, kind="joint_range", seen="q is far")
     monkeypatch.setattr("selfheal.telemetry.check_telemetry", lambda *_: [odd, wide])
     arguments = ("diagnose", *files, "--out", tmp_path / "out")

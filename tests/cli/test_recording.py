@@ -163,7 +163,7 @@ def test_a_map_is_told_the_rules_that_mend_it(tmp_path):
     words = "recording", "check", tmp_path / "r.h5", "--model", model
     ended = _run(*words, "--map", map_file)
     assert "map.toml, in place of the 1. [[signals]]:" in " ".join(ended.stdout.split())
-    assert "scale = 0.0174533" in ended.stdout
+    assert "scale = 0.0174532925" in ended.stdout
     assert (
         max(map(len, ended.stdout.splitlines())) <= 80 or str(tmp_path) in ended.stdout
     )

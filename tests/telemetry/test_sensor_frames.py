@@ -68,7 +68,7 @@ def test_the_site_that_is_told_explains_the_readings(recording, rotation):
     (fault,) = check_telemetry(turned, mujoco.MjModel.from_xml_string(HEAD))
     assert fault.kind == "sensor_frame" and fault.is_decisive
     assert set(fault.columns) == {"gyro", "acc"} and fault.target == "board"
-    quat = re.search('quat="[^"]*"', fault.mend)[0]
+    quat = re.search('quat="[^"]*"', str(fault.corrections[0]))[0]
     mended = mujoco.MjModel.from_xml_string(HEAD.replace('quat="1 0 0 0"', quat))
     assert check_telemetry(turned, mended) == []
 

@@ -74,7 +74,9 @@ def test_goals_that_are_sent_to_motors_are_told_with_the_servos(servo_arm, make_
         ("actuator_type", ("s",), "shoulder"), ("actuator_type", ("e",), "elbow")
     ]  # fmt: skip
     assert all(f.is_decisive for f in found)
-    assert '<position name="e" joint="elbow" kp="KP" kv="KV"/>' in found[1].mend
+    assert '<position name="e" joint="elbow" kp="KP" kv="KV"/>' in map(
+        str, found[1].corrections
+    )
 
 
 def test_torques_that_hold_a_weight_are_no_goals():
@@ -93,7 +95,7 @@ def test_torques_that_hold_a_weight_are_no_goals():
 def test_a_driven_robot_without_actuators_is_told(servo_arm, make_arm):
     (fault,) = check_telemetry(_without_commands(servo_arm[1]), make_arm(""))
     assert fault.kind == "no_actuator" and fault.is_decisive
-    assert "selfheal model prepare" in fault.mend
+    assert "selfheal model prepare" in fault.corrections[0]
 
 
 def test_a_robot_that_nothing_drives_needs_no_actuators(make_arm):
@@ -116,8 +118,8 @@ def test_a_robot_that_nothing_drives_needs_no_actuators(make_arm):
 def test_a_base_that_falls_unread_is_told_by_its_body(leg):
     (fault,) = check_telemetry(leg, _compile("<freejoint/>", APART))
     assert (fault.kind, fault.target) == ("free_base", "trunk") and fault.is_decisive
-    assert "leave out the free joint of trunk" in fault.mend
-    assert '"body_orientation", targets = ["trunk"]' in fault.mend
+    assert "leave out the free joint of trunk" in fault.corrections[0]
+    assert '"body_orientation", targets = ["trunk"]' in fault.corrections[1]
 
 
 def test_a_base_that_is_read_or_stands_is_no_fault(leg):
@@ -148,7 +150,7 @@ def test_a_loose_body_that_nobody_asks_about_is_no_base(leg):
 def test_bodies_that_always_touch_are_told_with_the_line_that_parts_them(leg):
     (fault,) = check_telemetry(leg, _compile())
     assert fault.kind == "permanent_contact" and not fault.is_decisive
-    assert fault.mend == APART
+    assert f"<contact>{fault.corrections[0]}</contact>" == APART
     assert check_telemetry(leg, _compile(more=APART)) == []
 
 
@@ -159,7 +161,9 @@ def test_the_world_itself_is_parted_from_what_hangs_in_it(leg):
     (fault,) = check_telemetry(
         leg, mujoco.MjModel.from_xml_string(xml.replace("MORE", ""))
     )
-    parted = mujoco.MjModel.from_xml_string(xml.replace("MORE", fault.mend))
+    parted = mujoco.MjModel.from_xml_string(
+        xml.replace("MORE", f"<contact>{fault.corrections[0]}</contact>")
+    )
     assert check_telemetry(leg, parted) == []
 
 

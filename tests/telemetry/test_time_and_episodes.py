@@ -47,7 +47,7 @@ def test_readings_that_are_repeated_are_told(servo_arm, samples):
     )
     (fault,) = [f for f in check_telemetry(held, model) if f.kind == "stale"]
     assert fault.columns == ("elbow_q",) and f"{samples} samples" in fault.seen
-    assert not fault.is_decisive and "repeated cells" in fault.mend
+    assert not fault.is_decisive and "repeated cells" in fault.describe()
 
 
 @pytest.mark.parametrize("quantum", [1e-3, 0.02, 0.2])
@@ -63,7 +63,7 @@ def test_a_clock_that_drifts_is_told(servo_arm, names):
     drifting = _edit(recording, _delay(0.04, 0.0), *names)
     (fault,) = [f for f in check_telemetry(drifting, model) if f.kind == "clock_drift"]
     assert set(fault.columns) <= set(names) and "later" in fault.seen
-    stretch = float(fault.mend.split("stretch = ")[1])
+    stretch = float(fault.corrections[0].split("stretch = ")[1])
     assert stretch == pytest.approx(0.96, abs=0.003)
 
 

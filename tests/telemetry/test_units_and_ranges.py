@@ -46,7 +46,7 @@ def test_a_servo_tells_the_unit_of_its_joint_by_name(servo_arm, factor, said):
     assert fault.kind == "unit" and fault.is_decisive
     assert said in fault.seen
     if "range" in said:
-        assert "to_range = [-2, 3]" in fault.mend
+        assert "to_range = [-2, 3]" in fault.describe()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_a_gripper_in_percent_is_told_by_its_range(torque_arm, full, said):
     (fault,) = check_telemetry(alone, _limit(model, 1, 0.0, 0.9))
     assert (fault.kind, fault.target) == ("unit", "elbow")
     assert said in fault.seen and fault.is_decisive
-    assert f"from_range = [0, {full}], to_range = [0, 0.9]" in fault.mend
+    assert f"from_range = [0, {full}], to_range = [0, 0.9]" in fault.describe()
 
 
 def test_a_range_that_is_too_narrow_is_no_unit(servo_arm):
@@ -85,7 +85,7 @@ def test_a_command_beyond_its_range_is_told_with_the_range_that_would_hold(servo
     assert check_telemetry(recording, _limit_command(model, -9, 9)) == []
     (fault,) = check_telemetry(recording, _limit_command(model, -9, 0.5))
     assert (fault.kind, fault.columns) == ("command_range", ("e",))
-    assert f"{sent.max():.4g}" in fault.mend and not fault.is_decisive
+    assert f"{sent.max():.4g}" in fault.describe() and not fault.is_decisive
 
 
 def _read_torques(recording, *columns):
@@ -106,7 +106,7 @@ def test_exchanged_torques_are_told(torque_arm):
     assert check_telemetry(_read_torques(recording, 0, 1), model) == []
     (fault,) = check_telemetry(_read_torques(recording, 1, 0), model)
     assert (fault.kind, set(fault.columns)) == ("exchange", {"tau_s", "tau_e"})
-    assert '"tau_s": targets = ["e"]' in fault.mend
+    assert '"tau_s": targets = ["e"]' in fault.describe()
 
 
 def test_a_rover_that_is_read_rightly_gives_no_alarm(rover):

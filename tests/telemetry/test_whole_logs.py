@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.logs.log_map import ColumnRule, LogMap
 from selfheal.telemetry import check_telemetry
-from selfheal.telemetry.map_mends import mend_rules
+from selfheal.telemetry.map_corrections import correct_rules
 
 DEGREES = 180 / np.pi
 MAP = LogMap([
@@ -53,7 +53,7 @@ def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
     wrong = _edit(recording, _scale_joints(read), sent)
     (fault,) = check_telemetry(wrong, model)
     assert (fault.kind, set(fault.columns)) == ("unit", columns)
-    rules = mend_rules(MAP, [fault], wrong)
+    rules = correct_rules(MAP, [fault], wrong)
     of_map = {"s": 0, "elbow_q": 1, "elbow_v": 2}
     assert set(rules) == {n for name, n in of_map.items() if name in columns}
     for (rule,) in rules.values():
@@ -86,8 +86,8 @@ def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
     })  # fmt: skip
     faults = [f for f in check_telemetry(wrong, model) if f.kind == "unit"]
     (fault,) = faults
-    assert "LeRobot" in fault.seen and "from_range = [-100, 100]" in fault.mend
-    rules = mend_rules(MAP, faults, wrong)
+    assert "LeRobot" in fault.seen and "from_range = [-100, 100]" in fault.describe()
+    rules = correct_rules(MAP, faults, wrong)
     assert {rule.from_range for (rule,) in rules.values()} == {(-100, 100)}
     assert {rule.unit for (rule,) in rules.values()} == {""}
 
@@ -101,7 +101,7 @@ def test_rows_of_zeros_are_told_and_mended_by_the_map(servo_arm):
             s.values[rows] = 0 if s.kind == "joint_position" else np.nan
     (fault,) = check_telemetry(wrong, model)
     assert fault.kind == "zeros" and fault.is_decisive and "249 of 1500" in fault.seen
-    ((rule,),) = mend_rules(MAP, [fault], wrong).values()
+    ((rule,),) = correct_rules(MAP, [fault], wrong).values()
     assert rule == replace(MAP.signals[1], missing=0.0)
 
 
@@ -133,6 +133,6 @@ def test_a_mend_parts_a_rule_where_one_column_differs(servo_arm):
     model, recording = servo_arm
     turned = _edit(recording, lambda s: -s.values if s.target == "elbow" else s.values)
     (fault,) = [f for f in check_telemetry(turned, model) if f.kind == "sign"]
-    rules = mend_rules(MAP, [fault], turned)
+    rules = correct_rules(MAP, [fault], turned)
     assert set(rules) <= {1, 2}
     assert rules[1][0].sign == [1, -1]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from ...recording import Recording
 from ...recording.data import Floats
-from ..fault import Fault, format_columns, write_mend
+from ..correction import SKIP, ColumnCorrection
+from ..fault import Fault, format_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15
@@ -232,7 +233,7 @@ def _tell_frozen(recording: Recording, frozen: dict) -> Iterator[Fault]:
         yield Fault(
             "frozen", tuple(c[0] for c in cases), (name,), signal.target, said,
             float(np.exp(max(log_p, -600))), BASIS,
-            write_mend("signals", name, "skip", True),
+            (ColumnCorrection(name, {SKIP: True}),),
         )  # fmt: skip
 
 
@@ -246,5 +247,5 @@ def _tell_clipped(recording: Recording, clipped: dict) -> Iterator[Fault]:
             f"episode {episode!r}: it reaches that value again and again, and never "
             "passes it",
             float(np.exp(max(log_p, -600))), BASIS,
-            write_mend("signals", name, "skip", True),
+            (ColumnCorrection(name, {SKIP: True}),),
         )  # fmt: skip

@@ -12,7 +12,8 @@ import numpy as np
 from ...logs.motion import compare_command, find_step, measure_share_inside
 from ...recording import Recording
 from ...recording.data import Floats
-from ..fault import Fault, format_columns, write_mend
+from ..correction import ColumnCorrection, correct_factor
+from ..fault import Fault, format_columns
 from ..joints import JointColumns
 from ..ranges import TOLERANCE, TOLERANCE_SHARE, TURN
 
@@ -198,14 +199,14 @@ def _mend_factor(
             signals += [j.velocity] * _goes_along(columns, j)
         if "command" in divisors and j.servo:
             commands.append(j.servo.command)
-    lines = [write_mend("signals", n, "scale", 1 / by) for n in signals]
-    lines += [write_mend("ctrl", n, "scale", 1 / by) for n in commands]
+    corrections = [correct_factor(n, 1 / by) for n in signals]
+    corrections += [correct_factor(n, 1 / by, is_command=True) for n in commands]
     unit = name if by > 1 else f"divided by that of {name}"
     fault = Fault(
         "unit", tuple(recording.episodes), (*signals, *commands),
         columns.joints[0].name,
         f"{_format(signals + commands)}: the unit is {unit} ({seen})",
-        0.0, BASES["unit"], "\n".join(lines),
+        0.0, BASES["unit"], tuple(corrections),
     )  # fmt: skip
     change = 1 / by, 0.0
     return fault, _apply(
@@ -293,15 +294,15 @@ def _mend_shares(
             signals[j.velocity] = factor, 0.0
         if j.servo:
             commands[j.servo.command] = factor, middle / j.servo.scale
-    ends = f"[{-FULL:.6g}, {FULL:.6g}]"
-    lines = [write_mend("signals", n, "from_range", ends) for n in signals]
-    lines += [write_mend("ctrl", n, "from_range", ends) for n in commands]
+    ends = {"from_range": [-FULL, FULL]}
+    corrections = [ColumnCorrection(n, ends) for n in signals]
+    corrections += [ColumnCorrection(n, ends, is_command=True) for n in commands]
     every = [*signals, *commands]
     fault = Fault(
         "unit", tuple(recording.episodes), tuple(every), columns.joints[0].name,
         f"{_format(every)}: the unit is a share of each joint's range, from -100 to "
         f"100, as LeRobot writes it: no joint passes 100 degrees, {said}",
-        p_value, BASES["share"], "\n".join(lines),
+        p_value, BASES["share"], tuple(corrections),
     )  # fmt: skip
     return fault, _apply(recording, signals, commands)
 

@@ -31,7 +31,7 @@ def find_time_faults(recording: Recording) -> list[Fault]:
     faults = []
     for kind, cases in found.items():
         worst = max(cases, key=lambda c: c[1])
-        mend = {
+        correction = {
             "gap": f"split the episode {worst[0]!r} at the gap",
             "duplicate": "leave out the rows that repeat a time",
             "jitter": "[time] rate = HZ in the map, if the rows were taken evenly",
@@ -39,7 +39,7 @@ def find_time_faults(recording: Recording) -> list[Fault]:
         faults.append(
             Fault(
                 kind, tuple(c[0] for c in cases), (), "",
-                f"episode {worst[0]!r}: {worst[2]}", 0.0, BASIS, mend,
+                f"episode {worst[0]!r}: {worst[2]}", 0.0, BASIS, (correction,),
             )
         )  # fmt: skip
     return faults

@@ -7,7 +7,8 @@ import numpy as np
 
 from ...logs.motion import find_zero_rows
 from ...recording import Episode, Recording
-from ..fault import Fault, format_columns, write_mend
+from ..correction import ColumnCorrection
+from ..fault import Fault, format_columns
 
 MEASURED = ("joint_position", "body_position")  # in which zeros are looked for
 SILENT = 0.5  # share of such rows in which other columns are 0 or not read; chosen
@@ -42,8 +43,8 @@ def find_zeros(recording: Recording) -> tuple[list[Fault], Recording]:
         f"in {zeros} of {read} rows {format_columns(list(columns)[:3])}"
         f"{' and others' * (len(columns) > 3)} are 0 at once, and go there and back "
         "as no motion does: rows of a second publisher, or of a bus that was lost",
-        0.0, BASIS, "\n".join(write_mend("signals", n, "missing", 0.0)
-                              for n in columns),
+        0.0, BASIS, tuple(ColumnCorrection(n, {"missing": 0.0})
+                          for n in columns),
     )  # fmt: skip
     return [fault], replace(recording, episodes=episodes)
 

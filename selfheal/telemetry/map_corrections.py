@@ -1,8 +1,6 @@
-"""A log's map as a check would have it: a map and faults in, the mended rules out."""
+"""A log's map as a check would have it: a map and faults in, corrected rules out."""
 
 import json
-import re
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -11,16 +9,14 @@ import numpy as np
 
 from ..logs.log_map import COMMAND, ColumnRule, LogMap
 from ..recording import Recording
+from .correction import SKIP, ColumnCorrection
 from .fault import Fault
 
-_LINE = re.compile(
-    r'\[\[signals\]\](?: kind = "command",)? of ("(?:[^"\\]|\\.)*"): (.+)'
-)
 _WHOLE = ("missing", "delay", "order")  # keys of a rule, for all of its columns
 Key = tuple[str, str]  # kind and target of a column
 
 
-def mend_rules(
+def correct_rules(
     log_map: LogMap, faults: Sequence[Fault], recording: Recording
 ) -> dict[int, list[ColumnRule]]:
     """The rules of a map that faults change, by their number, as they should be.
@@ -31,41 +27,36 @@ def mend_rules(
         recording: that was checked.
 
     Returns:
-        None is in it that the faults' mends do not speak of. A rule may become
+        None is in it that the faults' corrections do not speak of. A rule may become
         several, or none.
     """
     changes = dict[Key, dict[str, Any]]()
-    for line in (line for fault in faults for line in fault.mend.splitlines()):
-        if read := _read_line(line, recording):
-            key, change = read
-            found = changes.setdefault(key, {})
-            for name in ("scale", "sign"):  # of two faults, one after the other
-                if name in change and name in found:
-                    change[name] = np.multiply(change[name], found[name]).tolist()
-            found |= change
+    for one in (one for fault in faults for one in fault.corrections):
+        if not isinstance(one, ColumnCorrection):
+            continue
+        change = dict(one.changes)
+        found = changes.setdefault(_find_key(one, recording), {})
+        for name in ("scale", "sign"):  # of two faults, one after the other
+            if name in change and name in found:
+                change[name] = np.multiply(change[name], found[name]).tolist()
+        found |= change
     return {
         number: made
         for number, rule in enumerate(log_map.signals)
-        if (made := _mend_rule(rule, changes)) != [rule]
+        if (made := _correct_rule(rule, changes)) != [rule]
     }
 
 
-def _read_line(line: str, recording: Recording) -> tuple[Key, dict[str, Any]] | None:
-    """Whose column a mend changes, and how; None where it is no line of a map."""
-    match = _LINE.fullmatch(line)
-    if match is None:
-        return None
-    name, text = json.loads(match[1]), match[2].replace("], to_range", "]\nto_range")
-    if "cells empty" in text:
-        return None
-    change = {"skip": True} if text.startswith("leave") else tomllib.loads(text)
-    if 'kind = "command"' in line:
-        return (COMMAND, name), change
-    signals = next(e.signals for e in recording.episodes.values() if name in e.signals)
-    return (signals[name].kind, signals[name].target), change
+def _find_key(one: ColumnCorrection, recording: Recording) -> Key:
+    """Kind and target of the column that is corrected."""
+    if one.is_command:
+        return COMMAND, one.name
+    episodes = recording.episodes.values()
+    signal = next(e.signals[one.name] for e in episodes if one.name in e.signals)
+    return signal.kind, signal.target
 
 
-def _mend_rule(
+def _correct_rule(
     rule: ColumnRule, changes: Mapping[Key, dict[str, Any]]
 ) -> list[ColumnRule]:
     """What a rule becomes: one for the columns of each change that parts it."""
@@ -85,7 +76,7 @@ def _mend_rule(
     for members in parts.values():
         part = rule if len(parts) == 1 else _take(rule, targets, members)
         own = [found[k] for k in members]
-        if not any("skip" in change for change in own):
+        if not any(SKIP in change for change in own):
             made.append(_change(part, own, [targets[k] for k in members]))
     return made
 
@@ -125,7 +116,7 @@ def _change(
     """A rule whose columns are read otherwise.
 
     Args:
-        rule: that is mended.
+        rule: that is corrected.
         changes: of each target.
         targets: of the rule.
     """
