@@ -12,8 +12,7 @@ import numpy as np
 from ..recording import Recording
 from ..recording.data import Floats
 from .balance import TorqueBalance
-from .correction import ColumnCorrection, correct_factor
-from .fault import Fault, format_columns
+from .fault import ColumnCorrection, Fault, correct_factor, format_columns
 from .pairs import (
     DEPENDENT_ROWS,
     MIN_ROWS,

@@ -8,7 +8,6 @@ import numpy as np
 from ..recording import Recording
 from .aborted import find_aborted
 from .balance import TorqueBalance
-from .correction import SKIP, ColumnCorrection
 from .disagreements import (
     MAX_COMMAND_LAG,
     MAX_VELOCITY_LAG,
@@ -20,7 +19,7 @@ from .disagreements import (
     find_disagreements,
 )
 from .drift import find_drift
-from .fault import Fault, format_columns
+from .fault import SKIP, ColumnCorrection, Fault, format_columns
 from .joints import JointColumns
 from .odd import find_odd_columns, find_odd_zeros
 from .rollouts import Rollouts

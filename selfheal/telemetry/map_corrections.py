@@ -9,8 +9,7 @@ import numpy as np
 
 from ..logs.log_map import COMMAND, ColumnRule, LogMap
 from ..recording import Recording
-from .correction import SKIP, ColumnCorrection
-from .fault import Fault
+from .fault import SKIP, ColumnCorrection, Fault
 
 _WHOLE = ("missing", "delay", "order")  # keys of a rule, for all of its columns
 Key = tuple[str, str]  # kind and target of a column

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording import Recording, find_joint, list_controls
-from .correction import Correction, ModelCorrection, correct_factor
-from .fault import Fault, format_columns
+from .fault import Correction, Fault, ModelCorrection, correct_factor, format_columns
 from .joints import JointColumns
 from .pairs import SHARES, UNITS
 from .search import correct_share

@@ -10,8 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .correction import ColumnCorrection, correct_factor
-from .fault import format_columns
+from .fault import ColumnCorrection, correct_factor, format_columns
 from .joints import JointColumns
 from .pairs import SHARES, list_units, name_unit
 from .states import Mend

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..recording.data import Floats
-from .correction import ModelCorrection
-from .fault import Fault, format_columns
+from .fault import Fault, ModelCorrection, format_columns
 from .pairs import DEPENDENT_ROWS, MIN_ROWS
 from .series import Series
 

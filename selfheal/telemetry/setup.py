@@ -9,8 +9,7 @@ from ..logs.model_facts import format_servo
 from ..recording import NO_ACTUATORS, Recording, find_joint
 from ..recording.data import Floats
 from .balance import TorqueBalance
-from .correction import ModelCorrection
-from .fault import Fault, format_columns
+from .fault import Fault, ModelCorrection, format_columns
 from .joint_faults import MAX_LEFT
 from .joints import follows_command
 from .pairs import FAR_BETTER, UNIT_RATIO, correlation_p_value, relate

@@ -8,8 +8,7 @@ import numpy as np
 
 from ..recording import Recording
 from .balance import TorqueBalance
-from .correction import SKIP, ColumnCorrection, correct_factor
-from .fault import Fault, format_columns
+from .fault import SKIP, ColumnCorrection, Fault, correct_factor, format_columns
 from .joints import JointColumns
 from .pairs import FAR_BETTER, Relation, correlation_p_value, name_unit, relate
 from .series import Series

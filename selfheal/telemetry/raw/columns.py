@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from ...recording import Recording
 from ...recording.data import Floats
-from ..correction import SKIP, ColumnCorrection
-from ..fault import Fault, format_columns
+from ..fault import SKIP, ColumnCorrection, Fault, format_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15

@@ -12,8 +12,7 @@ import numpy as np
 from ...logs.motion import compare_command, find_step, measure_share_inside
 from ...recording import Recording
 from ...recording.data import Floats
-from ..correction import ColumnCorrection, correct_factor
-from ..fault import Fault, format_columns
+from ..fault import ColumnCorrection, Fault, correct_factor, format_columns
 from ..joints import JointColumns
 from ..ranges import TOLERANCE, TOLERANCE_SHARE, TURN
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from ...logs.motion import find_zero_rows
 from ...recording import Episode, Recording
-from ..correction import ColumnCorrection
-from ..fault import Fault, format_columns
+from ..fault import ColumnCorrection, Fault, format_columns
 
 MEASURED = ("joint_position", "body_position")  # in which zeros are looked for
 SILENT = 0.5  # share of such rows in which other columns are 0 or not read; chosen
