@@ -62,7 +62,7 @@ def prepare(
 
     _check_arguments(model, out, bool(kp), bool(kv), motors, force)
     gains = Gains(_read_gains("--kp", kp or ()), _read_gains("--kv", kv or ()),
-                  tuple(passive or ()))  # fmt: skip
+                  tuple(passive or ()), motors)  # fmt: skip
     done = prepare_model(
         model, out.parent, gains, weld_base=weld_base, without_contacts=no_contacts
     )
@@ -96,11 +96,10 @@ def _check_arguments(
     from selfheal.files import check_file
 
     check_file(model)
-    if motors == stiff or (damped and not stiff):
+    if (motors and stiff) or (damped and not stiff):
         raise InputError(
-            "give the stiffness of the drives by --kp VALUE (and --kv VALUE if it is "
-            "known), or --motors if the log's commands are torques; a guess of the "
-            "gains will do, for diagnose tells by how much it is off"
+            "--motors is for commands of torque, --kp for goal positions, --kv goes "
+            "with it; would fit: one of --kp VALUE, --kp VALUE --kv VALUE, --motors"
         )
     if out.resolve() == model.resolve():
         raise InputError(f"--out {out} would overwrite the model itself")

@@ -23,15 +23,17 @@ class Gains:
 
     Attributes:
         kp: stiffness of the position servos by joint, `EVERY` for the others [N m/rad
-            or N/m]; empty: torque motors.
+            or N/m].
         kv: their damping, likewise [N m s/rad or N s/m]; of a joint without one the
             damping that is critical in the reference pose.
         passive: names of joints that have no drive.
+        motors: whether torques are commanded.
     """
 
     kp: Mapping[str, float]
     kv: Mapping[str, float]
     passive: tuple[str, ...] = ()
+    motors: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,7 +100,7 @@ def build_drives(model: "mujoco.MjModel", gains: Gains) -> list[Drive]:
 
     Raises:
         UnknownNameError: a gain of a joint that gets no drive.
-        InputError: a joint has no gain.
+        InputError: a joint has no gain, or nothing says what drives it.
     """
     joints = {model.joint(j).name: j for j in list_undriven(model)}
     motors = {model.joint(j).name: a for j, a in list_motors(model).items()
@@ -109,6 +111,13 @@ def build_drives(model: "mujoco.MjModel", gains: Gains) -> list[Drive]:
         if name not in joints:
             raise UnknownNameError("joint without a drive", name, joints)
     driven = {n: j for n, j in joints.items() if n not in gains.passive}
+    if driven and not gains.kp and not gains.motors:
+        raise InputError(
+            f"joint {quote_name(next(iter(driven)))} has no drive; give the stiffness "
+            "of the drives by --kp VALUE (and --kv VALUE if it is known), or --motors "
+            "if the log's commands are torques; a guess of the gains will do, for "
+            "diagnose tells by how much it is off"
+        )
     if not gains.kp:
         return [_make_motor(model, name, j) for name, j in driven.items()]
     return [_make_servo(model, name, gains, motors.get(name)) for name in driven]

@@ -1,7 +1,7 @@
-"""Aborted episodes: takes servos' commands and positions, finds where none follows.
+"""Aborted episodes: takes commands, positions and torques, finds where none acts.
 
-A drive that was switched off, or held where it was, follows no more; what physics a
-model lacks has joints follow alike in all episodes.
+A drive that was switched off, or held where it was, follows no more, and gives no
+torque; what physics a model lacks, it lacks in all episodes.
 """
 
 from collections.abc import Mapping
@@ -9,9 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..recording.data import Floats
+from .balance import TorqueBalance, make_terms, solve_bounded
 from .disagreements import INDEPENDENT_KERNELS, Comparison
 from .fault import Fault
+from .odd import MAX_FOLDS, name_dof
+from .pairs import FAR_BETTER
 from .series import Series
+from .states import Mend
 
 if TYPE_CHECKING:
     from .joints import JointColumns
@@ -22,6 +27,10 @@ MIN_EPISODES = 3  # of which one is told; chosen: two tell that they differ, not
 MIN_LEFT, TIMES = 0.1, 8.0
 MAX_P_VALUE = 1e-3
 BASIS = "F test of what commands do not tell of positions, times episodes and joints"
+OFF_BASIS = (
+    "F test of what torques leave with the actuators' and without, times episodes, "
+    "joints and seconds"
+)
 
 
 def find_aborted(
@@ -111,3 +120,73 @@ def _judge(
     there = max(share for share, _ in others)
     counts = [max(n / independent, 1.0) for n in (count, sum(n for _, n in others))]
     return here, there, float(f.sf(here / max(there, 1e-12), *counts))
+
+
+def find_unpowered(balance: TorqueBalance) -> list[Fault]:
+    """The episode at whose end most joints move as if their actuators gave nothing.
+
+    Args:
+        balance: of the torques.
+    """
+    from scipy.stats import f
+
+    if balance.reason or len(balance.series.episodes) < MIN_EPISODES:
+        return []
+    series = balance.series
+    names = np.array(series.ids)[series.episode[balance.rows]]
+    on, off, driven = _balance_without(balance, names)
+    ids, best = list(dict.fromkeys(names.tolist())), None
+    for episode in ids:
+        own = np.flatnonzero(names == episode)
+        _, starts = np.unique(balance.block[own], return_index=True)
+        for start in starts:
+            rows = own[start:]
+            seconds = series.step * (balance.rows[rows[-1]] - balance.rows[rows[0]])
+            count = seconds / (INDEPENDENT_KERNELS * series.kernel)
+            share = off[rows].sum(axis=0) / np.maximum(on[rows].sum(axis=0), 1e-30)
+            lost = driven & (share < FAR_BETTER)
+            if count < 1 or 2 * lost.sum() <= driven.sum():
+                continue
+            left = float(share[lost].max())
+            p = float(f.sf(1 / left, count, count))
+            p *= len(ids) * len(starts) * int(driven.sum())
+            if p < MAX_P_VALUE and (best is None or p < best[0]):
+                best = p, episode, seconds, lost, left
+    if best is None:
+        return []
+    p, episode, seconds, lost, left = best
+    joints = [name_dof(balance, int(d)) for d in balance.dofs[lost]]
+    return [Fault(
+        "odd_episode", (episode,), (), joints[0],
+        f"in the last {seconds:.2g} s of episode {episode!r} {len(joints)} joints move "
+        f"as if nothing drove them: without the actuators' torques {100 * left:.2g} % "
+        "of what is left with them is: it was aborted, say",
+        p, OFF_BASIS, (f"leave episode {episode!r} out",),
+    )]  # fmt: skip
+
+
+def _balance_without(
+    balance: TorqueBalance, names: np.ndarray
+) -> tuple[Floats, Floats, np.ndarray]:
+    """Squares (n, D) that torques leave with the actuators' and without; if driven (D).
+
+    Of each episode by what is fitted to the others.
+
+    Args:
+        balance: of the torques.
+        names: (n) id of the episode of each row.
+    """
+    fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
+    parts = balance.compute_torques(Mend(), balance.rows)
+    on = np.empty((len(fold), len(balance.dofs)))
+    off = np.empty_like(on)
+    for k, d in enumerate(balance.dofs):
+        own = {name: values[:, d] for name, values in parts.items()}
+        terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
+        for number in np.unique(fold):
+            here = fold == number
+            x = solve_bounded(terms.x[~here], -terms.missing[~here], terms.bounds)
+            left = terms.missing[here] + terms.x[here] @ x
+            given = own["act"][here] + terms.x[here, :2] @ x[:2]  # with gain and delay
+            on[here, k], off[here, k] = left**2, (left - given) ** 2
+    return on, off, (parts["act"][:, balance.dofs] != 0).any(axis=0)

@@ -384,7 +384,8 @@ def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     if not len(x):
         return np.zeros(x.shape[1])
     size = np.sqrt((x**2).mean(axis=0))
-    used = size > 1e-12
+    # a column without room between its bounds ends BVLS before it has converged
+    used = size * np.minimum(bounds[1] - bounds[0], 1.0) > 1e-12
     if not used.any() or len(x) <= used.sum():
         return np.zeros(x.shape[1])
     scale = size[used]

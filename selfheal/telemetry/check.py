@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..recording import Recording, reorder_commands
+from .aborted import find_unpowered
 from .bodies import BodyCheck
 from .fault import KINDS, Fault
 from .joint_faults import JointCheck
@@ -90,6 +91,7 @@ def _examine_motion(
         return Telemetry((*setup, *check.find_faults()), ())
     odd = [f for f in check.odd if not {*held} & {*f.columns}]
     if not held and not check.is_late:
+        odd = odd or find_unpowered(check.balance)
         odd = odd or find_odd(series, check.balance, rollouts)
     if odd:
         left_out = {k for f in odd for k in f.episodes}

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from .joints import JointColumns
 
 MIN_EPISODES = 3  # of which one is odd; chosen: two tell that they differ, not which
-MAX_FOLDS = 8  # that are predicted from the others; chosen: some tenths of a second
+MAX_FOLDS = (
+    8  # episodes that are predicted from the others; chosen: some tenths of a second
+)
 # median share of a block that an odd episode leaves, at least, of torques and of
 # simulations, and how many times that of the next one; chosen: an eighth of a torque,
 # no better than no prediction, and more than a motion of another speed does
@@ -238,7 +240,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
         blocks[:, k] = NORMAL * median(left / size, balance.block, np.arange(count))
     return Scores(
         blocks, _name_blocks(names, balance.block),
-        [_name_dof(balance, int(d)) for d in balance.dofs],
+        [name_dof(balance, int(d)) for d in balance.dofs],
         "the torques that the others tell miss those", MIN_LEFT,
     )  # fmt: skip
 
@@ -315,7 +317,7 @@ def _name_blocks(names: np.ndarray, block: np.ndarray) -> np.ndarray:
     return names[first]
 
 
-def _name_dof(balance: TorqueBalance, dof: int) -> str:
+def name_dof(balance: TorqueBalance, dof: int) -> str:
     """The joint of a degree of freedom, or the body of a free joint."""
     m = balance.given
     joint = m.joint(int(m.dof_jntid[dof]))

@@ -66,7 +66,7 @@ def _find_free_bases(
                 f"body {name!r} has a free joint and no ground below it, and no signal "
                 "tells its pose: in the model it falls",
                 0.0, COUNTED,
-                correct_base(name),
+                correct_base(model, name),
             )  # fmt: skip
 
 

@@ -84,7 +84,7 @@ class States:
         free = np.flatnonzero(m.jnt_type == free_joint_type())
         for base in set(free.tolist()) - set(self.bases):
             name = m.body(m.jnt_bodyid[base]).name
-            said = " ".join(correct_base(name))
+            said = " ".join(correct_base(m, name))
             return f"the pose of {name!r}, which has a free joint, is not read: {said}"
         if lost := [j.name for j in self.joints.values() if not j.position]:
             return f"the position of joint {lost[0]!r} is not read"
@@ -171,11 +171,12 @@ def _find_bases(
     return found
 
 
-def correct_base(body: str) -> tuple[str, str]:
+def correct_base(model: "mujoco.MjModel", body: str) -> tuple[str, str]:
     """What to do about a body with a free joint whose pose nothing reads."""
+    drives = "" if model.nu else "--kp KP "
     return (
         f"leave out the free joint of {body}, if the robot hangs or is bolted down "
-        "(selfheal model prepare ROBOT.xml --kp KP --weld-base --out m.xml),",
+        f"(selfheal model prepare ROBOT.xml {drives}--weld-base --out m.xml),",
         'or log its pose: [[signals]] kind = "body_position" and "body_orientation", '
         f'targets = ["{body}"]',
     )
