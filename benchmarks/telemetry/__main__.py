@@ -2,6 +2,8 @@
 
     python -m benchmarks.telemetry
 
+Robots are drawn, each with a fault of its log or its set-up, and as many without: they
+are checked, what the check says is done by a script, and they are checked again.
 Recordings of fourteen robots are checked as they are, then with one fault each: those
 that the check was made with, and others that it never saw.
 Recordings of robots whose physics differs from the model, and of real ones, have to
@@ -23,6 +25,7 @@ from benchmarks.sealed.cases import make_case
 from benchmarks.sealed.hidden_robot import UnfitDraw
 from benchmarks.sealed.robots import ROBOTS
 from benchmarks.telemetry.faults import Injection, inject_faults
+from benchmarks.telemetry.study import FIRST_SEED, run_study
 from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.mujoco_files import silence_mujoco
 from selfheal.recording import Recording, load_model, read
@@ -134,21 +137,28 @@ def check_injected(group: str) -> tuple[list[dict[str, Any]], list[dict[str, Any
     return clean, injected
 
 
-def run(concealed: int) -> dict[str, Any]:
-    """All checks, as numbers."""
+def run(concealed: int, drawn: int, first: int) -> dict[str, Any]:
+    """All checks, as numbers.
+
+    Args:
+        concealed: seeds of robots with other physics than their models.
+        drawn: robots that are drawn, with a fault and without.
+        first: seed of these.
+    """
     every = {group: check_injected(group) for group in GROUPS}
     return {
         **{f"clean, {group}": clean for group, (clean, _) in every.items()},
         "injected": [one for _, injected in every.values() for one in injected],
         "concealed": _check_rows(list_concealed(concealed)),
         "devices": _check_rows(list_devices()),
+        "drawn": run_study(drawn, first),
     }
 
 
 def make_sections(data: dict[str, Any]) -> list[Section]:
     """The page."""
     injected = data["injected"]
-    quiet = [key for key in data if key != "injected"]
+    quiet = [key for key in data if key not in ("injected", "drawn")]
     rows = [
         [fault, *_count_faults(injected, fault)]
         for fault in dict.fromkeys(r["fault"] for r in injected)
@@ -169,6 +179,7 @@ def make_sections(data: dict[str, Any]) -> list[Section]:
         for r in data[key] if r["alarms"]
     ]  # fmt: skip
     found = [
+        *_describe_drawn(data["drawn"]),
         Section(
             "Faults put into clean recordings",
             "One fault each. Located: the columns that are told, or those told to be "
@@ -203,6 +214,35 @@ def make_sections(data: dict[str, Any]) -> list[Section]:
     return found
 
 
+def _describe_drawn(drawn: dict[str, list[dict[str, Any]]]) -> list[Section]:
+    """What was said of drawn robots, by fault, and each that went wrong."""
+    rows = []
+    for name in (*dict.fromkeys(r["fault"] for r in drawn["faulty"]), "all"):
+        of = [r for r in drawn["faulty"] if name in (r["fault"], "all")]
+        rows.append([name, len(of), *(
+            sum(bool(r[key]) for r in of) for key in ("told", "others", "left")
+        )])  # fmt: skip
+    clean = drawn["clean"]
+    rows.append(["none", len(clean), "", sum(bool(r["others"]) for r in clean), ""])
+    wrong = [
+        [r["seed"], r["fault"], "yes" if r["told"] else "no", "; ".join(r["others"]),
+         "; ".join(r["left"])]
+        for r in (*drawn["faulty"], *clean)
+        if r["others"] or r["left"] or not (r["told"] or r in clean)
+    ]  # fmt: skip
+    found = [Section(
+        "Drawn robots and set-ups",
+        "Chains of two to six hinges with a fault, and others without. Told: the kind "
+        "and the columns. Left: faults that are told once a script has done what the "
+        "check says, by the log's map, the model's file and selfheal model prepare.",
+        ("fault", "robots", "told", "with another alarm", "with a fault left"), rows,
+    )]  # fmt: skip
+    if wrong:
+        head = ("seed", "fault", "told", "other faults told", "left")
+        found.append(Section("Drawn robots that went wrong", "Each.", head, wrong))
+    return found
+
+
 def _count_faults(injected: list[dict[str, Any]], fault: str) -> list[int]:
     """Recordings, found and located of each group."""
     found = []
@@ -216,10 +256,12 @@ def main() -> int:
     """Read the command line, run, write the page."""
     line = make_parser(__doc__ or "")
     line.add_argument("--concealed", type=int, default=60, help="seeds tried")
+    line.add_argument("--drawn", type=int, default=121, help="robots drawn")
+    line.add_argument("--first", type=int, default=FIRST_SEED, help="seed of these")
     options = line.parse_args()
     silence_mujoco()
     root: Path = options.root
-    data = run(options.concealed)
+    data = run(options.concealed, options.drawn, options.first)
     title = "Faults of logs that the telemetry check finds"
     publish_results(root, "telemetry", title, make_sections(data), data)
     return 0

@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from .joints import JointColumns
 
 MIN_EPISODES = 3  # of which one is odd; chosen: two tell that they differ, not which
-MAX_FOLDS = (
-    8  # episodes that are predicted from the others; chosen: some tenths of a second
-)
+MAX_FOLDS = 8  # of episodes, each predicted from the others; chosen: tenths of a second
 # median share of a block that an odd episode leaves, at least, of torques and of
 # simulations, and how many times that of the next one; chosen: an eighth of a torque,
 # no better than no prediction, and more than a motion of another speed does

@@ -138,6 +138,20 @@ def test_a_base_is_welded_and_keyframes_that_no_longer_fit_go(tmp_path):
     assert "'trunk' is fixed" in said and "'home': its qpos has 8 numbers" in said
 
 
+def test_a_base_is_welded_without_gains_where_each_joint_has_a_drive(tmp_path):
+    text = """<mujoco><worldbody><body name="trunk" pos="0 0 1"><freejoint/>
+      <geom size="0.1"/><body name="leg" pos="0 0 -0.3"><joint name="hip"/>
+      <geom size="0.05"/></body></body></worldbody>
+      <actuator>DRIVES</actuator></mujoco>"""
+    driven = text.replace("DRIVES", '<motor name="m" joint="hip" gear="3"/>')
+    model, _ = _prepare(driven, tmp_path, "--weld-base", name="m.xml")
+    assert (model.nq, model.nu, model.actuator("m").gear[0]) == (1, 1, 3)
+    bare = write_file(tmp_path / "bare.xml", text.replace("DRIVES", ""))
+    out = tmp_path / "none.xml"
+    said = _run("model", "prepare", bare, "--weld-base", "--out", out, code=2)
+    assert "'hip' has no drive" in said and not out.exists()
+
+
 @pytest.mark.parametrize("moments", ["1e-6 1e-6 1e-6", "0.05 0 0", "0.1 0.1 -0.01"])
 def test_an_inertia_of_no_body_becomes_a_possible_one(moments, tmp_path):
     """It is diagonal, or with products as large as its moments."""

@@ -3,6 +3,7 @@
 import copy
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -129,7 +130,29 @@ def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", (aborted,))}
 
 
-def test_a_mend_parts_a_rule_where_one_column_differs(servo_arm):
+def test_an_episode_in_whose_end_no_motor_acts_is_told(torque_arm):
+    """What is commanded goes on; nothing that the arm lacks explains such an end."""
+    model, recording = torque_arm
+    assert check_telemetry(recording, model) == []
+    e = recording.episodes["1"]
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:] = [e.signals[f"{j}_q"].values[250] for j in ("shoulder", "elbow")]
+    signals = {n: s.values.copy() for n, s in e.signals.items()}
+    for k in range(250, 500):
+        mujoco.mj_forward(model, data)
+        for j, name in enumerate(("shoulder", "elbow")):
+            signals[f"{name}_q"][k] = data.qpos[j] + rng.normal(0, 3e-4)
+        signals["gyro"][k] = data.sensordata + rng.normal(0, 1e-2, 3)
+        mujoco.mj_step(model, data, 5)
+    e = replace(e, signals={
+        n: replace(s, values=signals[n]) for n, s in e.signals.items()})  # fmt: skip
+    wrong = replace(recording, episodes={**recording.episodes, "1": e})
+    faults = check_telemetry(wrong, model)
+    assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", ("1",))}
+    assert "as if nothing drove them" in faults[0].seen
+
+
+def test_a_correction_parts_a_rule_where_one_column_differs(servo_arm):
     model, recording = servo_arm
     turned = _edit(recording, lambda s: -s.values if s.target == "elbow" else s.values)
     (fault,) = [f for f in check_telemetry(turned, model) if f.kind == "sign"]
