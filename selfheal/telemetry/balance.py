@@ -384,14 +384,16 @@ def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     if not len(x):
         return np.zeros(x.shape[1])
     size = np.sqrt((x**2).mean(axis=0))
-    # a column without room between its bounds ends BVLS before it has converged
-    used = size * np.minimum(bounds[1] - bounds[0], 1.0) > 1e-12
+    used = size > 1e-12
     if not used.any() or len(x) <= used.sum():
         return np.zeros(x.shape[1])
     scale = size[used]
     r: Any = np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r")
     low, high = bounds[0, used] * scale, bounds[1, used] * scale
-    found = lsq_linear(r[:, :-1], r[:, -1], bounds=(low, high + 1e-15), method="bvls")
+    problem = {"A": r[:, :-1], "b": r[:, -1], "bounds": (low, high + 1e-15)}
+    found = lsq_linear(**problem, method="bvls")
+    if found.status in (0, 2):  # out of iterations, or at a step that a bound stopped
+        found = lsq_linear(**problem, method="trf")
     out = np.zeros(x.shape[1])
     out[used] = found.x / scale
     return out
