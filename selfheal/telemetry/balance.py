@@ -63,10 +63,9 @@ class Balance:
         """The largest share unexplained."""
         return float(self.unexplained.max(initial=0.0))
 
-    def find_worst(self, other: "Balance") -> float:
-        """The largest share unexplained, of the torques that `other` balances anew."""
-        ratio = np.abs(np.log(self.error / other.error))
-        return float(np.max(self.unexplained, where=ratio > ANEW, initial=0.0))
+    def select_changed(self, other: "Balance") -> Floats:
+        """Shares unexplained (k) of the torques that `other` balances anew [1]."""
+        return self.unexplained[np.abs(np.log(self.error / other.error)) > ANEW]
 
     def gain_over(self, other: "Balance") -> tuple[float, float]:
         """Nats a row by which this explains more, and how likely by chance.

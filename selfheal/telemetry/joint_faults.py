@@ -20,8 +20,10 @@ from .disagreements import (
 )
 from .drift import find_drift
 from .fault import SKIP, ColumnCorrection, Fault, format_columns
-from .joints import JointColumns
+from .joints import JointColumns, slide_joint_type
 from .odd import find_odd_columns, find_odd_zeros
+from .pairs import UNIT_RATIO, list_units
+from .ranges import INNER, list_fitting
 from .rollouts import Rollouts
 from .search import (
     CLEARLY,
@@ -78,6 +80,11 @@ class JointCheck:
         self.with_velocity, self.with_command = (
             find_disagreements(pair, series) for pair in pairs
         )
+        self.mend = Mend()
+        self.with_command = [
+            d for d in self.with_command
+            if d.kind != "delay" or not self._is_balanced(d.joint)
+        ]  # fmt: skip
         told = (("velocity", pairs[0], self.with_velocity),
                 ("command", pairs[1], self.with_command))  # fmt: skip
         self.drifts = [
@@ -90,12 +97,17 @@ class JointCheck:
             for what, pair, found in told
             for fault in find_odd_columns(pair, found, self.joints, series, what)
         ]
-        self.odd = (
-            find_aborted(pairs[1], self.joints, series)
-            or self.odd
-            or find_odd_zeros(pairs[1], self.joints, series)
-        )
-        self.mend = Mend()
+        self.odd = find_aborted(pairs[1], self.joints, series) or self.odd
+        if self.balance.reason:  # else torques tell a zero from a load
+            self.odd = self.odd or find_odd_zeros(pairs[1], self.joints, series)
+
+    def _is_balanced(self, joint: str) -> bool:
+        """Whether a weak servo explains that a joint is late: its torques balance."""
+        dof = self.balance.given.jnt_dofadr[self.joints[joint].number]
+        if self.balance.reason or dof not in self.balance.dofs:
+            return False
+        left = self.balance.evaluate(self.mend).unexplained
+        return bool(left[self.balance.dofs == dof][0] < MAX_LEFT)
 
     def _pair_velocities(self, recording: Recording) -> Comparison:
         both = [j for j in self.joints.values() if j.position and j.velocity]
@@ -138,11 +150,15 @@ class JointCheck:
                     continue
                 by_joint.setdefault((one.kind, one.joint, one.partner), {})[what] = one
         found = list(self.drifts)
-        for (kind, joint, partner), seen in by_joint.items():
+        late_last = sorted(by_joint.items(), key=lambda item: item[0][0] == "delay")
+        for (kind, joint, partner), seen in late_last:
             if kind in ("sign", "unit", "exchange"):
                 found.append(self._locate(kind, joint, partner, seen))
             elif kind == "delay":
-                found += [self._tell_delay(what, one) for what, one in seen.items()]
+                found += [
+                    self._tell_delay(what, one) for what, one in seen.items()
+                    if what == "velocity" or not self._is_balanced(joint)
+                ]  # fmt: skip
             elif "velocity" in seen:
                 found.append(self._tell_derivative(seen["velocity"]))
         return found
@@ -185,12 +201,13 @@ class JointCheck:
         ratio = next(iter(seen.values())).relation.ratio
         # a velocity that is too large, and a position that is too small, look alike
         if len(seen) == 2:
-            ratio = seen["command"].relation.ratio
+            ratio = self._round_unit(j, seen["command"].relation.ratio)
             return [
                 make_candidate(self.joints, kind, joint, partner, ("position",), ratio)
             ]
         if "command" in seen:
             parts = ("position", "velocity") if j.velocity else ("position",)
+            ratio = self._round_unit(j, ratio)
             return [
                 make_candidate(self.joints, kind, joint, partner, parts, ratio),
                 make_candidate(
@@ -206,6 +223,27 @@ class JointCheck:
             velocity,
             make_candidate(self.joints, kind, joint, partner, ("position",), 1 / ratio),
         ]
+
+    def _round_unit(self, joint: JointColumns, ratio: float) -> float:
+        """The ratio of the one unit in which readings are within the joint's range.
+
+        Of those that a weak or strong servo could make of `ratio`; else `ratio`.
+
+        Args:
+            joint: that is read.
+            ratio: of the position to what is commanded.
+        """
+        slide = self.balance.given.jnt_type[joint.number] == slide_joint_type()
+        read = self.series.signals[joint.position][:, 0, 0]
+        low, high = (float(x) for x in np.nanquantile(read, [1 - INNER, INNER]))
+        units, names = list_units(joint.span), list[str]()
+        if joint.range:
+            names = list_fitting(joint, low, high, "m" if slide else "rad")
+        near = [
+            units[n] for n in names
+            if abs(np.log(abs(ratio) / units[n])) < np.log(UNIT_RATIO)
+        ]  # fmt: skip
+        return float(np.sign(ratio)) * near[0] if len(near) == 1 else ratio
 
     def _choose(
         self, options: Sequence[Candidate]

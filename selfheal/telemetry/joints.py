@@ -13,9 +13,13 @@ from ..recording import (
     list_controls,
 )
 from ..recording.actuator_laws import find_goal, get_servo_gains, is_pid
+from ..recording.data import Floats
 
 if TYPE_CHECKING:
     import mujoco
+
+STRIDE = 0.25  # [s] over which positions and velocities are compared; chosen
+MAX_RATIO = 7.5  # of two columns in one unit: degrees are 57 times, so its square root
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,34 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
     return found
 
 
+def goes_along(recording: Recording, joint: JointColumns) -> bool:
+    """Whether a joint's velocity is in the unit of its position.
+
+    By what both say of how far it moves in `STRIDE`: farther than an encoder's step.
+
+    Args:
+        recording: of the robot.
+        joint: with both columns.
+    """
+    moved, summed = list[Floats](), list[Floats]()
+    for e in recording.episodes.values():
+        if {joint.position, joint.velocity} <= {*e.signals} and e.time.size > 2:
+            x, v = (e.signals[n].values.reshape(e.time.size)
+                    for n in (joint.position, joint.velocity))  # fmt: skip
+            steps = np.diff(e.time)
+            every = max(1, round(STRIDE / float(np.median(steps))))
+            way = np.append(0.0, np.cumsum(np.nan_to_num((v[1:] + v[:-1]) / 2) * steps))
+            moved.append(x[every:] - x[:-every])
+            summed.append(way[every:] - way[:-every])
+    if not moved:
+        return False
+    one, other = (
+        float(np.nanmean(np.concatenate(part) ** 2)) for part in (moved, summed)
+    )
+    ratio = np.sqrt(other / max(one, 1e-30))
+    return bool(1 / MAX_RATIO < ratio < MAX_RATIO)
+
+
 def _find_readings(
     recording: Recording, model: "mujoco.MjModel"
 ) -> dict[tuple[str, str], str]:
@@ -122,6 +154,13 @@ def _find_readings(
                     joint = model.joint(int(sensor.objid[0])).name
                     found.setdefault((what, joint), name)
     return found
+
+
+def slide_joint_type() -> int:
+    """MuJoCo's number of a slide."""
+    import mujoco
+
+    return int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:

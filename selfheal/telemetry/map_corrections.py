@@ -11,7 +11,7 @@ from ..logs.log_map import COMMAND, ColumnRule, LogMap
 from ..recording import Recording
 from .fault import SKIP, ColumnCorrection, Fault
 
-_WHOLE = ("missing", "delay", "order")  # keys of a rule, for all of its columns
+_RULE = ("missing", "delay", "order")  # keys with one value for all columns
 Key = tuple[str, str]  # kind and target of a column
 
 
@@ -66,7 +66,7 @@ def _correct_rule(
     parts = dict[str, list[int]]()
     for k, change in enumerate(found):
         parting = {
-            n: v for n, v in change.items() if n not in ("sign", "scale", *_WHOLE)
+            n: v for n, v in change.items() if n not in ("sign", "scale", "missing")
         }
         parts.setdefault(json.dumps(parting), []).append(k)
     if len(parts) > 1 and isinstance(rule.columns, str) and rule.targets:
@@ -129,7 +129,7 @@ def _change(
         rule = replace(rule, targets=first["targets"])
     if "columns" in first and isinstance(rule.columns, list):
         rule = replace(rule, columns=[rule.columns[k] for k in first["columns"]])
-    said = {n: c[n] for n in _WHOLE for c in changes if n in c}
+    said = {n: c[n] for n in _RULE for c in changes if n in c}
     if "delay" in said:
         said["delay"] += rule.delay
     rule = replace(rule, **said)

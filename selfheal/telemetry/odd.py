@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..logs.model_facts import find_force_range
+from ..recording import find_joint
 from ..recording.data import Floats
 from .balance import TorqueBalance, make_terms, solve_bounded
 from .disagreements import Comparison, Disagreement
 from .fault import Fault, format_columns
+from .pairs import UNIT_TOLERANCE
 from .rollouts import Rollouts
 from .series import Series
 from .states import Mend
@@ -229,11 +232,15 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
     for k, d in enumerate(balance.dofs):
         own = {name: values[:, d] for name, values in parts.items()}
         terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
+        # what a servo at its limit gives, no gain tells
+        free = np.abs(own["act"]) < (1 - UNIT_TOLERANCE) * _find_limit(balance, int(d))
         left = np.empty(len(rows))
         for f in np.unique(fold):
             rest = (fold != f) & (names != suspect)
-            x = solve_bounded(terms.x[rest], -terms.missing[rest], terms.bounds)
+            fit = rest & free
+            x = solve_bounded(terms.x[fit], -terms.missing[fit], terms.bounds)
             left[~rest] = (terms.missing + terms.x @ x)[~rest] ** 2
+        left[~free] = 0.0
         size = np.maximum(_average(terms.size, names), terms.size.mean())
         blocks[:, k] = NORMAL * median(left / size, balance.block, np.arange(count))
     return Scores(
@@ -241,6 +248,22 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
         [name_dof(balance, int(d)) for d in balance.dofs],
         "the torques that the others tell miss those", MIN_LEFT,
     )  # fmt: skip
+
+
+def _find_limit(balance: TorqueBalance, dof: int) -> float:
+    """Largest torque of a joint's actuators [N m or N]; infinite where none is stated.
+
+    Args:
+        balance: of the torques.
+        dof: of the joint.
+    """
+    model = balance.given
+    joint, total = int(model.dof_jntid[dof]), 0.0
+    for a in range(model.nactuator):
+        if find_joint(model, a) == joint:
+            ends = find_force_range(model, a)
+            total += min(map(abs, ends)) if ends else np.inf
+    return total or np.inf
 
 
 def _score_rollouts(rollouts: Rollouts) -> Scores:

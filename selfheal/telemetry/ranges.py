@@ -7,8 +7,8 @@ import numpy as np
 
 from ..recording import Recording, find_joint, list_controls
 from .fault import Correction, Fault, ModelCorrection, correct_factor, format_columns
-from .joints import JointColumns
-from .pairs import SHARES, UNITS
+from .joints import JointColumns, goes_along
+from .pairs import SHARES, UNITS, list_units
 from .search import correct_share
 
 if TYPE_CHECKING:
@@ -126,25 +126,31 @@ def _check_unit(recording: Recording, joint: JointColumns, unit: str) -> Fault |
     low, high = np.quantile(x, [1 - INNER, INNER]) if x.size else (0.0, 0.0)
     if high - low < max(RANGES * joint.span, TURN if unit == "rad" else 0.0):
         return None
-    fitting = _list_fitting(joint, float(low), float(high), unit)
+    fitting = list_fitting(joint, float(low), float(high), unit)
     whole = bool(np.all(x == np.round(x)))
     other = "whole numbers, as counts of an encoder are" if whole else "another one"
     said = " or ".join(fitting) or other
     bottom, top = joint.range or (0.0, 0.0)
+    columns, corrections = [joint.position], [_correct_unit(joint, fitting)]
+    if fitting and joint.velocity and goes_along(recording, joint):
+        columns.append(joint.velocity)
+        factor = list_units(joint.span)[fitting[0]]
+        corrections.append(correct_factor(joint.velocity, 1 / factor))
     return Fault(
-        "unit", tuple(having), (joint.position,), joint.name,
-        f"{format_columns([joint.position])}: the unit is {said} (from {low:.4g} to "
-        f"{high:.4g}, where the model's range is {bottom:.4g} to {top:.4g} {unit})",
-        0.0, BASIS, (_correct_unit(joint, fitting),),
+        "unit", tuple(having), tuple(columns), joint.name,
+        f"{format_columns(columns)}: the unit is {said} (from {low:.4g} to {high:.4g}, "
+        f"where the model's range is {bottom:.4g} to {top:.4g} {unit})",
+        0.0, BASIS, tuple(corrections),
     )  # fmt: skip
 
 
-def _list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> list[str]:
+def list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> list[str]:
     """Units in which readings are within the joint's range.
 
     Args:
         joint: with a range.
-        low, high: readings.
+        low: reading that few are below.
+        high: reading that few are above.
         unit: of the contract.
     """
     bottom, top = joint.range or (0.0, 0.0)

@@ -43,10 +43,9 @@ class Misses:
         """The largest share missed."""
         return float(self.share.max(initial=0.0))
 
-    def find_worst(self, other: "Misses") -> float:
-        """The largest share missed, of what `other` misses differently."""
-        differs = np.abs(np.log(self.share / other.share)) > ANEW
-        return float(np.max(self.share, where=differs, initial=0.0))
+    def select_changed(self, other: "Misses") -> Floats:
+        """Shares missed (k), of what `other` misses differently [1]."""
+        return self.share[np.abs(np.log(self.share / other.share)) > ANEW]
 
     def gain_over(self, other: "Misses") -> tuple[float, float]:
         """Nats by which this misses less in all, and how likely by chance.

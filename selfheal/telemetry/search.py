@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..recording.data import Floats
 from .fault import ColumnCorrection, correct_factor, format_columns
 from .joints import JointColumns
 from .pairs import SHARES, list_units, name_unit
@@ -53,8 +54,8 @@ class Explained(Protocol):
     def worst(self) -> float:
         """The largest share unexplained."""
 
-    def find_worst(self, other: Any) -> float:
-        """The largest share unexplained, of what `other` explains differently."""
+    def select_changed(self, other: Any) -> Floats:
+        """Shares unexplained (k) of what `other` explains differently [1]."""
 
     def gain_over(self, other: Any) -> tuple[float, float]:
         """Nats by which this explains more, and how likely by chance."""
@@ -75,7 +76,7 @@ class Found:
         best: the candidate.
         others: as good ones.
         after: what it leaves.
-        given, left: largest share unexplained before and after [1].
+        given, left: largest share unexplained before, and mean share after [1].
         gain: [nats].
         p_value: of the gain, times the number of mends that were tried.
     """
@@ -113,13 +114,16 @@ def find_best(
         after = explainer.evaluate(both)
         gain, p = after.gain_over(base)
         p = min(1.0, p * len(options))
-        given, left = base.find_worst(after), after.find_worst(base)
-        is_better = gain >= MIN_GAIN and p < MAX_P_VALUE
-        if is_better and given > min_left and left < max_left:
+        given = float(base.select_changed(after).max(initial=0.0))
+        # as the gain is in nats
+        left = float(np.exp(np.log(after.select_changed(base)).mean()))
+        if gain >= MIN_GAIN and p < MAX_P_VALUE:
             good.append(Found(option, (), after, given, left, gain, p))
     if not good:
         return None
     first, *rest = sorted(good, key=lambda g: -g.gain)
+    if not (first.given > min_left and first.left < max_left):
+        return None  # and what explains less is wrong, too
     others = tuple(g.best for g in rest if first.gain - g.gain < CLEARLY)
     return Found(
         first.best, others, first.after, first.given, first.left, first.gain,

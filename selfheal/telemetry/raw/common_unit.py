@@ -13,7 +13,7 @@ from ...logs.motion import compare_command, find_step, measure_share_inside
 from ...recording import Recording
 from ...recording.data import Floats
 from ..fault import ColumnCorrection, Fault, correct_factor, format_columns
-from ..joints import JointColumns
+from ..joints import JointColumns, goes_along
 from ..ranges import TOLERANCE, TOLERANCE_SHARE, TURN
 
 # units of the contract: what is written instead, and times how much
@@ -41,31 +41,29 @@ class Columns:
         joints: that are read.
         read: (n) positions of each, of all episodes [rad or m].
         command: (n) to what each is commanded, where a servo is.
-        speed: (n) velocities, where they are read.
         time: (n) [s] in which the episodes follow each other.
     """
 
     joints: Sequence[JointColumns]
     read: Mapping[str, Floats]
     command: Mapping[str, Floats]
-    speed: Mapping[str, Floats]
     time: Floats
 
-    def fits(self, values: Mapping[str, Floats], factor: float) -> float | None:
-        """Share of values that are within limits, divided by a factor."""
-        shares = [
+    def fits(self, values: Mapping[str, Floats], factor: float) -> Floats:
+        """Share (k) of each limited joint's values (n) within limits, over a factor."""
+        return np.array([
             measure_share_inside(values[j.name] / factor, *j.range)
             for j in self.joints
             if j.range and j.name in values
-        ]
-        return float(np.mean(shares)) if shares else None
+        ])  # fmt: skip
 
     def is_large(self, values: Mapping[str, Floats], factor: float) -> bool:
-        """Whether values are within limits divided by a factor, and not as they are."""
+        """Whether most are within limits divided by a factor, and not as they are."""
         asis, divided = self.fits(values, 1.0), self.fits(values, factor)
-        if asis is None or divided is None:
+        if not len(asis):
             return self.goes_far(values)
-        return asis < OUTSIDE and divided > INSIDE
+        is_large = (asis < OUTSIDE) & (divided > INSIDE)
+        return bool(is_large.sum() >= MIN_JOINTS and is_large.mean() >= MOST)
 
     def goes_far(self, values: Mapping[str, Floats]) -> bool:
         """Whether values are larger than any of a joint, two turns or 12 m."""
@@ -143,7 +141,6 @@ def _gather(recording: Recording, joints: Sequence[JointColumns], unit: str) -> 
                 [e.ctrl[:, e.ctrl_names.index(j.servo.command)] for e in episodes])
             for j in chosen if j.servo
         },
-        {j.name: read(j.velocity) for j in chosen if j.velocity},
         np.concatenate(time),
     )  # fmt: skip
 
@@ -169,11 +166,11 @@ def _find_divisors(columns: Columns, factor: float) -> tuple[dict[str, float], s
     elif step < 0:
         is_large = columns.is_large(command, factor)
         found = {"command": factor} if is_large else {"read": 1 / factor}
-    elif is_read_large and asis is not None and columns.goes_far(read):
+    elif is_read_large and len(asis) and columns.goes_far(read):
         found = {"read": factor} | ({"command": factor} if command else {})
     seen = [f"positions follow their commands by {ratio:.3g}"] if step else []
-    if asis is not None:
-        seen.append(f"{asis:.0%} of the readings are within the joints' ranges")
+    if len(asis):
+        seen.append(f"{asis.mean():.0%} of the readings are within the joints' ranges")
     return found, ", ".join([*seen, f"so of all {len(columns.joints)} joints"])
 
 
@@ -195,7 +192,7 @@ def _mend_factor(
     for j in columns.joints:
         if "read" in divisors:
             signals.append(j.position)
-            signals += [j.velocity] * _goes_along(columns, j)
+            signals += [j.velocity] * (bool(j.velocity) and goes_along(recording, j))
         if "command" in divisors and j.servo:
             commands.append(j.servo.command)
     corrections = [correct_factor(n, 1 / by) for n in signals]
@@ -211,16 +208,6 @@ def _mend_factor(
     return fault, _apply(
         recording, dict.fromkeys(signals, change), dict.fromkeys(commands, change)
     )
-
-
-def _goes_along(columns: Columns, joint: JointColumns) -> bool:
-    """Whether a velocity is in the unit of its position."""
-    speed = columns.speed.get(joint.name)
-    if speed is None:
-        return False
-    steps = np.diff(columns.read[joint.name]) / np.diff(columns.time)
-    ratio = np.nanmedian(np.abs(speed)) / max(np.nanmedian(np.abs(steps)), 1e-12)
-    return bool(1 / GAIN**2 < ratio < GAIN**2)
 
 
 def _find_shares(columns: Columns) -> tuple[str, float] | None:
@@ -289,7 +276,7 @@ def _mend_shares(
         factor = np.rad2deg(j.span / (2 * FULL))
         middle = sum(j.range) / 2
         signals[j.position] = factor, middle
-        if _goes_along(columns, j):
+        if j.velocity and goes_along(recording, j):
             signals[j.velocity] = factor, 0.0
         if j.servo:
             commands[j.servo.command] = factor, middle / j.servo.scale
