@@ -64,7 +64,7 @@ class Balance:
         return float(self.unexplained.max(initial=0.0))
 
     def select_changed(self, other: "Balance") -> Floats:
-        """Shares unexplained (k) of the torques that `other` balances anew [1]."""
+        """Shares unexplained (n) of the torques that `other` balances anew [1]."""
         return self.unexplained[np.abs(np.log(self.error / other.error)) > ANEW]
 
     def gain_over(self, other: "Balance") -> tuple[float, float]:

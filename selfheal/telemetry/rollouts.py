@@ -44,7 +44,7 @@ class Misses:
         return float(self.share.max(initial=0.0))
 
     def select_changed(self, other: "Misses") -> Floats:
-        """Shares missed (k), of what `other` misses differently [1]."""
+        """Shares missed (n), of what `other` misses differently [1]."""
         return self.share[np.abs(np.log(self.share / other.share)) > ANEW]
 
     def gain_over(self, other: "Misses") -> tuple[float, float]:

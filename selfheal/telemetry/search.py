@@ -55,7 +55,7 @@ class Explained(Protocol):
         """The largest share unexplained."""
 
     def select_changed(self, other: Any) -> Floats:
-        """Shares unexplained (k) of what `other` explains differently [1]."""
+        """Shares unexplained (n) of what `other` explains differently [1]."""
 
     def gain_over(self, other: Any) -> tuple[float, float]:
         """Nats by which this explains more, and how likely by chance."""
