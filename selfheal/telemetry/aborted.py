@@ -125,6 +125,8 @@ def _judge(
 def find_unpowered(balance: TorqueBalance) -> list[Fault]:
     """The episode at whose end most joints move as if their actuators gave nothing.
 
+    In the others they move as these say.
+
     Args:
         balance: of the torques.
     """
@@ -139,12 +141,13 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
     for episode in ids:
         own = np.flatnonzero(names == episode)
         _, starts = np.unique(balance.block[own], return_index=True)
+        usual = TIMES * on[names != episode].mean(axis=0)
         for start in starts:
             rows = own[start:]
             seconds = series.step * (balance.rows[rows[-1]] - balance.rows[rows[0]])
             count = seconds / (INDEPENDENT_KERNELS * series.kernel)
             share = off[rows].sum(axis=0) / np.maximum(on[rows].sum(axis=0), 1e-30)
-            lost = driven & (share < FAR_BETTER)
+            lost = driven & (share < FAR_BETTER) & (on[rows].mean(axis=0) > usual)
             if count < 1 or 2 * lost.sum() <= driven.sum():
                 continue
             left = float(share[lost].max())
