@@ -136,18 +136,18 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
         return []
     series = balance.series
     names = np.array(series.ids)[series.episode[balance.rows]]
-    on, off, driven = _balance_without(balance, names)
+    on, off, acts = _balance_without(balance, names)
+    driven = acts.any(axis=0)
     ids, best = list(dict.fromkeys(names.tolist())), None
     for episode in ids:
         own = np.flatnonzero(names == episode)
         _, starts = np.unique(balance.block[own], return_index=True)
-        usual = TIMES * on[names != episode].mean(axis=0)
         for start in starts:
             rows = own[start:]
             seconds = series.step * (balance.rows[rows[-1]] - balance.rows[rows[0]])
             count = seconds / (INDEPENDENT_KERNELS * series.kernel)
             share = off[rows].sum(axis=0) / np.maximum(on[rows].sum(axis=0), 1e-30)
-            lost = driven & (share < FAR_BETTER) & (on[rows].mean(axis=0) > usual)
+            lost = driven & (share < FAR_BETTER) & acts[own[0]]
             if count < 1 or 2 * lost.sum() <= driven.sum():
                 continue
             left = float(share[lost].max())
@@ -171,25 +171,29 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
 def _balance_without(
     balance: TorqueBalance, names: np.ndarray
 ) -> tuple[Floats, Floats, np.ndarray]:
-    """Squares (n, D) that torques leave with the actuators' and without; if driven (D).
-
-    Of each episode by what is fitted to the others.
+    """What is left of each episode's torques by what is fitted to the others.
 
     Args:
         balance: of the torques.
         names: (n) id of the episode of each row.
+
+    Returns:
+        (n, D) squares that are left with the actuators' torques and without, and
+        (n, D) whether the actuators' explain anything of the other episodes.
     """
     fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
     parts = balance.compute_torques(Mend(), balance.rows)
     on = np.empty((len(fold), len(balance.dofs)))
-    off = np.empty_like(on)
+    off, acts = np.empty_like(on), np.empty(on.shape, bool)
     for k, d in enumerate(balance.dofs):
         own = {name: values[:, d] for name, values in parts.items()}
         terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
         for number in np.unique(fold):
             here = fold == number
             x = solve_bounded(terms.x[~here], -terms.missing[~here], terms.bounds)
-            left = terms.missing[here] + terms.x[here] @ x
-            given = own["act"][here] + terms.x[here, :2] @ x[:2]  # with gain and delay
-            on[here, k], off[here, k] = left**2, (left - given) ** 2
-    return on, off, (parts["act"][:, balance.dofs] != 0).any(axis=0)
+            left = terms.missing + terms.x @ x
+            given = own["act"] + terms.x[:, :2] @ x[:2]  # with gain and delay
+            on[here, k], off[here, k] = left[here] ** 2, (left - given)[here] ** 2
+            without = np.sum((left - given)[~here] ** 2)
+            acts[here, k] = without > np.sum(left[~here] ** 2)
+    return on, off, acts
