@@ -8,7 +8,7 @@ from selfheal.body.body import Bodies, compute_edge_f1, measure_center_distance
 from selfheal.body.genome import build_bodies
 from selfheal.engine.statics import Statics
 from selfheal.robot.base import Robot
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
+from selfheal.selfmodel.evaluate import make_capped_loss
 from selfheal.selfmodel.explore import DISTINGUISHABLE
 from selfheal.selfmodel.run import Run
 
@@ -19,7 +19,7 @@ _SAME_AXIS = np.cos(np.radians(10.0))  # chosen
 def _predict_channels(body: Bodies, actions: np.ndarray) -> np.ndarray:
     """(A, 3) channels of one body under every action, by statics."""
     copies = body[np.zeros(len(actions), int)]
-    return stack_channels(Statics(threads=1).simulate(copies, actions))
+    return Statics(threads=1).simulate(copies, actions).channels
 
 
 def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
@@ -37,7 +37,9 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     apart = np.abs(tables[0] - tables[1]).max(axis=0)
     tried = [cycle.action for cycle in run.cycles]
     felt = np.array([cycle.felt for cycle in run.cycles])
-    loss, truth_loss = (float(CAPPED_LOSS(t[tried], felt).sum()) for t in tables)
+    loss, truth_loss = (
+        float(make_capped_loss(run.anatomy)(t[tried], felt).sum()) for t in tables
+    )
     right = best.parent[0] == truth.parent[0]
     axes = (best.axis * truth.axis).sum(axis=2)[0] > _SAME_AXIS
     return {
@@ -66,7 +68,7 @@ def explain_likeness(record: dict[str, Any]) -> str:
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
     """
     apart = np.array([record["tilt_apart"], record["clearance_apart"]])
-    if (apart <= DISTINGUISHABLE[1:]).all():
+    if (apart <= [DISTINGUISHABLE, 2 * DISTINGUISHABLE]).all():
         return "no action tells them apart"
     if record["distance"] <= NEAR and record["settings"]["space"] != "full":
         return f"within {10 * NEAR:g} mm"

@@ -79,7 +79,7 @@ def _make_success_section(
         "Wilson intervals. Exact: every part on its true parent. Or like it: exact, or "
         f"the parts' centers lie within {10 * NEAR:g} mm on average (not where hinges "
         "are unknown), or none of the robot's actions tells it from the truth by more "
-        f"than {DISTINGUISHABLE[0]:g} degree or {DISTINGUISHABLE[2]:g} mm, by statics. "
+        f"than {DISTINGUISHABLE:g} degree or {2 * DISTINGUISHABLE:g} mm, by statics. "
         "Tilt error is `mujoco`'s, over the actions tried [deg]; simulations are those "
         "of the search and, apart, those spent on what else might be right, for "
         "choosing "

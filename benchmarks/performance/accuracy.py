@@ -17,7 +17,6 @@ from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import list_actions_2006, load_published_body
 from selfheal.robot.base import open_robot
-from selfheal.selfmodel.evaluate import stack_channels
 from selfheal.selfmodel.loop import read_rest_channels
 from selfheal.study.statistics import format_share
 
@@ -28,7 +27,10 @@ LEFT_OUT = 0.05  # largest share of poses that may be left out (issue's figure)
 def read_readings(path) -> tuple[np.ndarray, np.ndarray]:
     """Joint targets (A, P) [rad] and measured channels (A, 3) of a recording."""
     robot = open_robot("starfish-2006", recordings=path)
-    measured = [read_rest_channels(robot.act(k)) for k in range(len(robot.actions))]
+    measured = [
+        read_rest_channels(robot.act(k), robot.anatomy)
+        for k in range(len(robot.actions))
+    ]
     return robot.actions, np.array(measured)
 
 
@@ -43,7 +45,7 @@ def score_published_body(
         "mujoco, ramp 0.5 s, hold 1 s": MuJoCo(ramp=0.5, hold=1.0),
     }
     bodies = load_published_body()[np.zeros(len(actions), int)]
-    seen = {k: stack_channels(e.simulate(bodies, actions)) for k, e in engines.items()}
+    seen = {k: e.simulate(bodies, actions).channels for k, e in engines.items()}
     data = {
         name: _summarize_errors(x, seen["mujoco"], measured) for name, x in seen.items()
     }

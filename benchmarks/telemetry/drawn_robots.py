@@ -21,6 +21,7 @@ TIMESTEP = 0.002
 # of readings: a joint's position [rad], its velocity [rad/s], a gyroscope [rad/s] and
 # an accelerometer [m/s^2], as of hobby drives and consumer IMUs
 NOISE = {"joint_position": 3e-4, "joint_velocity": 0.01, "gyro": 5e-3, "acc": 0.04}
+BANDWIDTH = 3.0  # [Hz] of a controller of torques, damped by 0.7
 STEPS = (4096, 16384)  # of an encoder, a turn
 
 
@@ -244,7 +245,7 @@ def _simulate(
 ) -> tuple[Values, Values, Values, Values]:  # fmt: skip
     """Commands, positions, velocities and readings of the board, a row each sample.
 
-    Torques are those of a controller that knows the weight by half.
+    Torques are those of a controller of 3 Hz that knows the weight by half.
 
     Args:
         model: of the true robot.
@@ -257,14 +258,18 @@ def _simulate(
     data.qpos[:] = goals[0]
     ctrl, q, v = (np.empty_like(goals) for _ in range(3))
     read = np.empty((len(time), model.nsensordata))
-    stiffness = 15 * np.array(loads)
+    mujoco.mj_forward(model, data)
+    inertia = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, inertia)
+    rate = 2 * np.pi * BANDWIDTH
+    stiffness = rate**2 * np.diag(inertia)
     for k in range(len(time)):
         mujoco.mj_forward(model, data)
         if is_servo:
             data.ctrl[:] = goals[k]
         else:
             data.ctrl[:] = (
-                stiffness * (goals[k] - data.qpos) - 0.08 * stiffness * data.qvel
+                stiffness * (goals[k] - data.qpos) - 1.4 / rate * stiffness * data.qvel
                 + data.qfrc_bias / 2
             )  # fmt: skip
         low, high = model.actuator_ctrlrange.T

@@ -173,7 +173,7 @@ def make_goals(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     root = ET.fromstring(robot.xml)
     for drive in root.iter("position"):
         drive.tag = "motor"
-        for name in ("kp", "kv", "forcerange"):
+        for name in ("kp", "kv"):
             del drive.attrib[name]
     return Setup(
         "goals to motors", ("actuator_type",), frozenset(), robot.recording, _text(root)

@@ -1,8 +1,9 @@
 """Bodies: what is known of a robot's parts, and batches of ways to hang them together.
 
 Frames: torso x forward, y left, z up. A part's frame has its origin at its joint
-and x along the part; at zero joint angles all parts lie in one horizontal plane.
-Part 0 is the torso, parts 1..P are the moving ones; arrays over parts have P columns.
+and x along the part; at zero joint angles it is as level as its parent's, but for the
+part's bend. Part 0 is the torso, parts 1..P are the moving ones; arrays over parts have
+P columns.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+GRAVITY = 9.81  # [m/s^2]
 Rows = slice | list[int] | Ints | NDArray[np.bool_]
 
 
@@ -34,6 +36,10 @@ class Anatomy:
         block_center: (P) where the housing's center is along the part [m].
         block_mass: (P) [kg].
         feet: the parts (1..P) whose tips feel the floor.
+        hinges: (P) known kinds of hinges, as `genome.HINGE_NAMES`; empty: all lift.
+        bends: (P) by how much parts leave their parents downward [rad]; empty: by 0.
+        fixed: whether the torso is bolted to the world.
+        sensors: of the robot at rest, as `engine.channels` names them.
     """
 
     name: str
@@ -49,6 +55,10 @@ class Anatomy:
     block_center: Floats
     block_mass: Floats
     feet: tuple[int, ...]
+    hinges: tuple[int, ...] = ()
+    bends: tuple[float, ...] = ()
+    fixed: bool = False
+    sensors: tuple[str, ...] = ("tilt", "clearance")
 
     @property
     def size(self) -> int:
@@ -119,7 +129,19 @@ def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
     )
 
 
-def compute_planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
+def compute_mounts(bodies: Bodies) -> Floats:
+    """(N, P, 3, 3) rotation of each part's frame in its parent's, at zero angles.
+
+    First about y by the part's bend, then about z by its heading.
+    """
+    bend = np.array(bodies.anatomy.bends or (0.0,) * bodies.anatomy.size)
+    c, s = np.cos(bodies.heading), np.sin(bodies.heading)
+    down, level, none = np.sin(bend) + 0 * c, np.cos(bend) + 0 * c, 0 * c
+    rows = [[c * level, -s, c * down], [s * level, c, s * down], [-down, none, level]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def compute_rest_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     """Where parts are at zero joint angles.
 
     Args:
@@ -127,21 +149,19 @@ def compute_planar_frames(bodies: Bodies) -> tuple[Floats, Floats]:
 
     Returns:
         origin: (N, P + 1, 3) of the torso and each part, in the torso's frame [m].
-        heading: (N, P + 1) direction of each part from the torso's x axis [rad].
+        frame: (N, P + 1, 3, 3) their rotations; columns are their axes.
     """
     n, p = bodies.parent.shape
-    row = np.arange(n)
-    origin, heading = np.zeros((n, p + 1, 3)), np.zeros((n, p + 1))
+    row, mount = np.arange(n), compute_mounts(bodies)
+    origin, frame = np.zeros((n, p + 1, 3)), np.zeros((n, p + 1, 3, 3))
+    frame[:, 0] = np.eye(3)
     for i in range(p):
-        parent, anchor = bodies.parent[:, i], bodies.anchor[:, i]
-        turn = heading[row, parent]
-        c, s = np.cos(turn), np.sin(turn)
-        x = c * anchor[:, 0] - s * anchor[:, 1]
-        y = s * anchor[:, 0] + c * anchor[:, 1]
-        offset = np.stack([x, y, anchor[:, 2]], axis=1)
+        parent = bodies.parent[:, i]
+        up = frame[row, parent]
+        offset = np.einsum("nij,nj->ni", up, bodies.anchor[:, i])
         origin[:, i + 1] = origin[row, parent] + offset
-        heading[:, i + 1] = turn + bodies.heading[:, i]
-    return origin, heading
+        frame[:, i + 1] = up @ mount[:, i]
+    return origin, frame
 
 
 def compute_part_points(bodies: Bodies, along: float) -> Floats:
@@ -151,12 +171,9 @@ def compute_part_points(bodies: Bodies, along: float) -> Floats:
         bodies: N bodies.
         along: 0 = the joint, 0.5 = the part's center, 1 = its tip.
     """
-    origin, heading = compute_planar_frames(bodies)
-    reach = along * bodies.length
-    flat = np.stack([np.cos(heading[:, 1:]), np.sin(heading[:, 1:])], axis=2)
-    points = origin[:, 1:].copy()
-    points[..., :2] += reach[..., None] * flat
-    return points
+    origin, frame = compute_rest_frames(bodies)
+    reach = along * bodies.length[..., None]
+    return origin[:, 1:] + reach * frame[:, 1:, :, 0]
 
 
 def count_centers_in_torso(bodies: Bodies) -> Ints:

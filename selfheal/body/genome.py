@@ -60,7 +60,7 @@ def concatenate_genomes(*batches: Genomes) -> Genomes:
 
 
 def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
-    """Encode trees as paper A does: known lengths, hinges that lift the part.
+    """Encode trees as paper A does: known lengths and hinges.
 
     Args:
         anatomy: the robot's parts.
@@ -73,7 +73,9 @@ def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     parent = np.atleast_2d(np.asarray(parent, np.int64))
     length = np.broadcast_to(anatomy.length, parent.shape).copy()
     placement = np.broadcast_to(np.asarray(placement, float), parent.shape).copy()
-    return Genomes(parent, placement, np.full(parent.shape, UP), length)
+    kinds = anatomy.hinges or (UP,) * anatomy.size
+    hinge = np.broadcast_to(np.array(kinds), parent.shape).copy()
+    return Genomes(parent, placement, hinge, length)
 
 
 def decode_unit_genes(anatomy: Anatomy, genes: Floats) -> Genomes:
@@ -137,7 +139,8 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
 
     so that the middle of a side means straight out of it. A hinge of kind `up` is
     paper A's: horizontal, normal to the line from the parent's center to the part's,
-    positive lifts the outer end. Mass is in proportion to length.
+    positive lifts the outer end; of a part with a bend its own y axis. Mass is in
+    proportion to length.
     """
     n, p = genomes.parent.shape
     radius = np.hstack([np.zeros((n, 1)), np.broadcast_to(anatomy.radius, (n, p))])
@@ -158,6 +161,7 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     out_x = x + genomes.length / 2 * np.cos(heading)
     out_y = y + genomes.length / 2 * np.sin(heading)
     slant = np.arctan2(out_y, out_x) - heading
+    slant = np.where(np.array(anatomy.bends or 0.0) == 0.0, slant, 0.0)
     lift = np.stack([np.sin(slant), -np.cos(slant), np.zeros((n, p))], axis=2)
     axis = np.where((genomes.hinge == UP)[..., None], lift, HINGE_AXES[genomes.hinge])
     return Bodies(

@@ -9,11 +9,14 @@ import numpy as np
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
 from ..recording import read_spec
-from .body import Anatomy, Bodies, Floats
+from .body import GRAVITY, Anatomy, Bodies, Floats
 from .changes import compute_direction, tilt_gravity
+from .genome import HINGE_AXES, UP
 
-GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
+
+
+_SAME_AXIS = 1e-6  # by which directions of one kind differ in an MJCF [1 or rad]
 
 
 @dataclass(frozen=True)
@@ -43,10 +46,11 @@ class Physics:
 
 
 def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
-    """Add the free torso, its level and its belly sensor to a model."""
+    """Add the torso, free unless it is bolted down, and its belly sensor."""
     half = anatomy.torso_half
     torso = spec.worldbody.add_body(name="torso", pos=[0, 0, half[2] + 1e-4])
-    torso.add_freejoint(name="torso_free")
+    if not anatomy.fixed:
+        torso.add_freejoint(name="torso_free")
     torso.add_geom(
         name="torso",
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -64,11 +68,12 @@ def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
 def _add_part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
     """Hang part i + 1 of body `row` on its parent."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
-    half_turn = bodies.heading[row, i] / 2
+    turn, bend = bodies.heading[row, i] / 2, (a.bends[i] if a.bends else 0.0) / 2
+    c, s = np.array([np.cos([turn, bend]), np.sin([turn, bend])])
     part = parent.add_body(
         name=a.parts[i],
         pos=bodies.anchor[row, i],
-        quat=[np.cos(half_turn), 0, 0, np.sin(half_turn)],
+        quat=[c[0] * c[1], -s[0] * s[1], c[0] * s[1], s[0] * c[1]],  # z, then y
     )
     part.add_joint(
         name=a.joints[i],
@@ -151,8 +156,8 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
         physics: None = the defaults.
 
     Returns:
-        An MjSpec: a free torso on a floor, one hinge and servo a part. Only contacts
-        with the floor make forces (papers.md 1.1).
+        An MjSpec: a torso on a floor, one hinge and servo a part. Only contacts with
+        the floor make forces (papers.md 1.1), and of a bolted robot none.
     """
     physics = physics or Physics()
     spec = mujoco.MjSpec()
@@ -168,7 +173,7 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[2, 2, 0.1],
         contype=0,
-        conaffinity=1,
+        conaffinity=0 if bodies.anatomy.fixed else 1,
     )
     spec.worldbody.add_site(name="level")
     hung = [_add_torso(spec, bodies.anatomy, physics)]
@@ -220,10 +225,10 @@ def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) ->
 def load(path: str | Path) -> Bodies:
     """Read a robot's anatomy and true body from an MJCF.
 
-    The MJCF has one free body, the torso, which is a box. Each part below it has one
-    hinge, one capsule along x that starts at the joint, and at most one box, its
-    housing. All masses are explicit. The actuators list the joints in the order of the
-    parts. A part with a site `<part>_tip` is a foot.
+    The MJCF has one body, the torso, which is a box, free or bolted to the world. Each
+    part below it has one hinge, one capsule along x that starts at the joint, and at
+    most one box, its housing. All masses are explicit. The actuators list the joints in
+    the order of the parts. A part with a site `<part>_tip` is a foot.
 
     Args:
         path: of the MJCF.
@@ -256,12 +261,11 @@ def load(path: str | Path) -> Bodies:
         known[body] = i + 1
     parent = np.array([known[int(model.body_parentid[b])] for b in ids])
     anatomy = _read_anatomy(str(path), spec, model, joints, ids, parent)
-    quat = model.body_quat[ids]
     return Bodies(
         anatomy=anatomy,
         parent=parent[None],
         anchor=model.body_pos[ids][None].copy(),
-        heading=2 * np.arctan2(quat[:, 3], quat[:, 0])[None],
+        heading=_read_bends(str(path), model, ids)[0][None],
         axis=model.jnt_axis[model.body_jntadr[ids]][None].copy(),
         length=anatomy.length[None].copy(),
         thickness=np.ones((1, len(ids))),
@@ -304,4 +308,36 @@ def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
         block_center=np.array([g.pos[0] if g else 0.0 for g in blocks]),
         block_mass=np.array([g.mass if g else 0.0 for g in blocks]),
         feet=tuple(i + 1 for i, b in enumerate(bodies) if f"{b.name}_tip" in sites),
+        hinges=_read_hinges(model.jnt_axis[model.body_jntadr[ids]]),
+        bends=_read_bends(path, model, ids)[1],
+        fixed=not (model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)).any(),
     )
+
+
+def _read_hinges(axes: Floats) -> tuple[int, ...]:
+    """Kinds of hinges by their axes (P, 3); none where all lift."""
+    alike = np.abs(axes[:, None] - HINGE_AXES).max(axis=2) < _SAME_AXIS
+    kinds = np.where(alike.any(axis=1), alike.argmax(axis=1), UP)
+    return () if (kinds == UP).all() else tuple(kinds.tolist())
+
+
+def _read_bends(path: str, model, ids) -> tuple[Floats, tuple[float, ...]]:
+    """Headings (P) and bends [rad] of parts, of which none may be rolled.
+
+    Args:
+        path: of the MJCF.
+        model: compiled.
+        ids: of the parts' bodies.
+    """
+    turns = np.empty((len(ids), 9))
+    for turn, quat in zip(turns, model.body_quat[ids], strict=True):
+        mujoco.mju_quat2Mat(turn, quat)
+    frames = turns.reshape(-1, 3, 3)
+    if (rolled := np.abs(frames[:, 2, 1]) > _SAME_AXIS).any():
+        name = model.body(ids[int(np.argmax(rolled))]).name
+        raise ModelError(f"{path}: body {name!r} is rolled about its own axis; it may "
+                         "be turned about z, and then about its y")  # fmt: skip
+    bends = np.arctan2(-frames[:, 2, 0], frames[:, 2, 2])
+    flat = (np.abs(bends) < _SAME_AXIS).all()
+    headings = np.arctan2(-frames[:, 0, 1], frames[:, 1, 1])
+    return headings, () if flat else tuple(bends.tolist())

@@ -5,7 +5,7 @@ import functools
 import io
 from typing import Any, NamedTuple
 
-from ..body.mjcf import GRAVITY
+from ..body.body import GRAVITY
 from ._jax import prepare_jax
 
 CONTACTS = 8  # lowest spheres that may push; chosen: 12 and 24 agree no better

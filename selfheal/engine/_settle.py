@@ -12,80 +12,10 @@ import numba
 import numpy as np
 
 from ._hull import JIT, find_nearest_on_hull
+from ._sense import pose_body, sense
 
 _CONTACT_TOLERANCE = 1e-5  # [m] points within this of the floor are contacts; chosen
 _MOST_TIPS = 60  # at most this many tips a sub-step; chosen (2 on average)
-
-
-@numba.njit(inline="always", **JIT)
-def _write_rotation(axis, angle, out):
-    """Rotation matrix about a unit axis (Rodrigues)."""
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, z = axis[0], axis[1], axis[2]
-    d = 1.0 - c
-    out[0, 0] = c + x * x * d
-    out[0, 1] = x * y * d - z * s
-    out[0, 2] = x * z * d + y * s
-    out[1, 0] = y * x * d + z * s
-    out[1, 1] = c + y * y * d
-    out[1, 2] = y * z * d - x * s
-    out[2, 0] = z * x * d - y * s
-    out[2, 1] = z * y * d + x * s
-    out[2, 2] = c + z * z * d
-
-
-@numba.njit(**JIT)
-def _pose_body(body, known, q, points, com, frames, spots):
-    """Points of contact and center of mass for joint angles q, torso frame."""
-    parent, anchor, turn_in, axis, length, thickness, mass = body
-    torso_half, torso_mass, block_half, block_center, block_mass = known
-    p = parent.shape[0]
-    for i in range(3):
-        com[i] = 0.0
-        spots[0, i] = 0.0
-        for j in range(3):
-            frames[0, i, j] = 1.0 if i == j else 0.0
-    total = torso_mass
-    k = 8  # the torso's corners never move in its own frame
-    turn = np.empty((3, 3))
-    for i in range(p):
-        up = frames[parent[i]]
-        ch, sh = turn_in[i, 0], turn_in[i, 1]
-        _write_rotation(axis[i], q[i], turn)
-        own = frames[i + 1]
-        for r in range(3):
-            ax = up[r, 0] * ch + up[r, 1] * sh
-            ay = -up[r, 0] * sh + up[r, 1] * ch
-            for c in range(3):
-                own[r, c] = ax * turn[0, c] + ay * turn[1, c] + up[r, 2] * turn[2, c]
-            spots[i + 1, r] = (
-                spots[parent[i], r]
-                + up[r, 0] * anchor[i, 0]
-                + up[r, 1] * anchor[i, 1]
-                + up[r, 2] * anchor[i, 2]
-            )
-        block = block_mass[i] * thickness[i]
-        weight = mass[i] + block
-        lever = 0.5 * length[i] * mass[i] + block * block_center[i] * thickness[i]
-        total += weight
-        for r in range(3):
-            com[r] += weight * spots[i + 1, r] + lever * own[r, 0]
-            points[k, r] = spots[i + 1, r]
-            points[k + 1, r] = spots[i + 1, r] + length[i] * own[r, 0]
-        k += 2
-        if block_mass[i] > 0.0:
-            for corner in range(8):
-                x = block_half[i, 0] * (1 if corner & 1 else -1) + block_center[i]
-                y = block_half[i, 1] * (1 if corner & 2 else -1)
-                z = block_half[i, 2] * (1 if corner & 4 else -1)
-                for r in range(3):
-                    points[k, r] = spots[i + 1, r] + thickness[i] * (
-                        own[r, 0] * x + own[r, 1] * y + own[r, 2] * z
-                    )
-                k += 1
-    for r in range(3):
-        com[r] /= total
-    return k
 
 
 @numba.njit(**JIT)
@@ -262,7 +192,7 @@ def settle_body(body, known, q, steps, radii, work):
         body: fields of one body, see `settle_batch`.
         known: torso_half, torso_mass, block_half, block_center, block_mass.
         q: (P) joint angles after the ramp [rad].
-        steps: sub-steps of the ramp.
+        steps: sub-steps of the ramp; 0 for a robot that is bolted down.
         radii: (8 + 10 P) radius of each contact point, the torso's corners first [m].
         work: arrays of `_allocate_scratch`; the vertical is left in it.
 
@@ -272,24 +202,27 @@ def settle_body(body, known, q, steps, radii, work):
     points, com, frames, spots, heights, touching, flat, simplex, n, angles = work
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
     height = 0.0
+    if steps == 0:  # bolted down: it stands as it is put
+        pose_body(body, known, q, points, com, frames, spots)
+        return known[0][2]
     for step in range(1, steps + 1):
         for i in range(q.shape[0]):
             angles[i] = q[i] * step / steps
-        m = _pose_body(body, known, angles, points, com, frames, spots)
+        m = pose_body(body, known, angles, points, com, frames, spots)
         height = _tip_over(points, radii, com, m, n, heights, touching, flat, simplex)
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
 @numba.njit(**JIT)
 def settle_batch(
-    parent, anchor, turn, axis, length, thickness, mass, known, radius, q, steps, out
+    parent, anchor, mount, axis, length, thickness, mass, known, radius, q, steps, out
 ):
     """Settle N posed bodies; row i of every array is one simulation.
 
     Args:
         parent: (N, P) of each part, 0 for the torso.
         anchor: (N, P, 3) the joint in the parent's frame [m].
-        turn: (N, P, 2) cosine and sine of the heading.
+        mount: (N, P, 3, 3) rotation at the joint, see `body.compute_mounts`.
         axis: (N, P, 3) unit hinge axis in the part's frame.
         length: (N, P) [m].
         thickness: (N, P) factor on a part's radius and housing [1].
@@ -306,7 +239,7 @@ def settle_batch(
     points, frames, spots, n = work[0], work[2], work[3], work[8]
     for row in range(q.shape[0]):
         body = (
-            parent[row], anchor[row], turn[row], axis[row], length[row],
+            parent[row], anchor[row], mount[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
         _fill_contact_spheres(known, radius, thickness[row], points, radii)
@@ -323,15 +256,15 @@ def settle_batch(
 
 @numba.njit(**JIT)
 def race_batch(
-    parent, anchor, turn, axis, length, thickness, mass, known, radius,
-    targets, felt, weight, cap, order, bound, steps, far, each,
+    parent, anchor, mount, axis, length, thickness, mass, known, radius,
+    targets, felt, weight, cap, order, bound, steps, channels, each,
 ):  # fmt: skip
     """Settle each body under one action after the other until its loss is too high.
 
     Args:
         parent: (N, P) of each part, 0 for the torso.
         anchor: (N, P, 3) the joint in the parent's frame [m].
-        turn: (N, P, 2) cosine and sine of the heading.
+        mount: (N, P, 3, 3) rotation at the joint, see `body.compute_mounts`.
         axis: (N, P, 3) unit hinge axis in the part's frame.
         length: (N, P) [m].
         thickness: (N, P) factor on a part's radius and housing [1].
@@ -339,22 +272,23 @@ def race_batch(
         known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         targets: (n, P) joint targets of the actions [rad].
-        felt: (n, 3) channels measured: tilts [deg], clearance [mm]; NaN = unknown.
-        weight: (3) of the loss sum_c weight_c min(|gap_c|, cap_c).
-        cap: (3) of the same.
+        felt: (n, C) channels measured; NaN = unknown.
+        weight: (C) of the loss sum_c weight_c min(|gap_c|, cap_c).
+        cap: (C) of the same.
         order: (N, n) of the actions, first to last to be tried.
         bound: (N, n) a body is given up once its loss reaches this before the first,
             second, ... action in its order.
         steps: sub-steps of the ramp.
-        far: largest clearance that the belly sensor reads [m].
+        channels: code, part and axis (C) each, of `channels.Channels`.
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
     radii, work = _allocate_scratch(targets.shape[1])
-    points, n, seen = work[0], work[8], np.empty(3)
+    points, n, seen = work[0], work[8], np.empty(felt.shape[1])
+    posed = work[2], work[3], n
     for row in range(bound.shape[0]):
         body = (
-            parent[row], anchor[row], turn[row], axis[row], length[row],
+            parent[row], anchor[row], mount[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
         _fill_contact_spheres(known, radius, thickness[row], points, radii)
@@ -366,12 +300,9 @@ def race_batch(
                 break
             action = order[row, k]
             height = settle_body(body, known, targets[action], steps, radii, work)
-            seen[0] = -np.degrees(np.arcsin(min(1.0, max(-1.0, n[1]))))
-            seen[1] = np.degrees(np.arcsin(min(1.0, max(-1.0, n[0]))))
-            clear = height / n[2] - known[0][2] if n[2] > 1e-3 else far
-            seen[2] = 1000.0 * max(0.0, min(clear, far))
+            sense(body, known, radius, channels, height, posed, seen)
             loss = 0.0
-            for c in range(3):
+            for c in range(seen.shape[0]):
                 if not np.isnan(felt[action, c]):
                     loss += weight[c] * min(abs(seen[c] - felt[action, c]), cap[c])
             if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):

@@ -64,8 +64,7 @@ class Mjx:
             rest = self._simulate_to_rest(bodies, targets)
         sizes = np.hstack([bodies.length, bodies.thickness, bodies.mass])
         rest[~((sizes > 0).all(axis=1) & (rest[:, 4] < FASTEST))] = np.nan
-        belly = bodies.anatomy.torso_half[2]
-        return compute_readings(rest[:, :3], rest[:, 3], rest[:, 5:], targets, belly)
+        return compute_readings(bodies, rest[:, :3], rest[:, 3], rest[:, 5:], targets)
 
     def _simulate_to_rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""

@@ -42,7 +42,7 @@ class MuJoCo:
                 )
             )
         up, height, tips, angles = (np.concatenate(x) for x in zip(*rests, strict=True))
-        return compute_readings(up, height, tips, angles, bodies.anatomy.torso_half[2])
+        return compute_readings(bodies, up, height, tips, angles)
 
     def _simulate_to_rest(
         self, bodies: Bodies, rows, targets: Floats
@@ -79,7 +79,10 @@ class MuJoCo:
         tips = sensors[:, 4 + a.size :].reshape(len(rows), len(a.feet), 3)[..., 2]
         feet = np.asarray(a.feet, int) - 1
         tips = tips - (a.radius * bodies.thickness[rows[0]])[feet]
-        return sensors[:, :3], rest[:, 3], tips, sensors[:, 4 : 4 + a.size]
+        height = rest[:, 3]  # of the free torso
+        if a.fixed:
+            height = np.full(len(rows), a.torso_half[2])
+        return sensors[:, :3], height, tips, sensors[:, 4 : 4 + a.size]
 
 
 def _differs_from_previous(bodies: Bodies) -> np.ndarray:

@@ -4,7 +4,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..body.body import Floats
+from ..body.body import Bodies, Floats, compute_mounts
+from .channels import list_channels
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,7 @@ class Readings:
         clearance: (*B) belly to floor along the torso's z [m].
         touch: (*B, F) 1 where a foot touches the floor, else 0.
         angles: (*B, P) joint angles reached [rad].
+        channels: (*B, C) what the robot's sensors say, see `channels.Channels`.
         failed: (*B) True where the simulation diverged; the rest is NaN there.
     """
 
@@ -24,6 +26,7 @@ class Readings:
     clearance: Floats
     touch: Floats
     angles: Floats
+    channels: Floats
     failed: np.ndarray
 
     def __getitem__(self, rows) -> "Readings":
@@ -32,18 +35,21 @@ class Readings:
 
 
 def compute_readings(
-    up: Floats, height: Floats, tips: Floats, angles: Floats, belly: float
+    bodies: Bodies, up: Floats, height: Floats, tips: Floats, angles: Floats
 ) -> Readings:
     """Readings of bodies at rest.
 
     Args:
+        bodies: N.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].
         tips: (N, F) height of each foot's lowest point [m].
         angles: (N, P) [rad].
-        belly: torso's center to its belly [m].
     """
+    from ._sense import sense_batch
+
     up = np.clip(np.asarray(up, float), -1, 1)
+    belly, columns = bodies.anatomy.torso_half[2], list_channels(bodies.anatomy)
     height, tips = np.asarray(height, float), np.asarray(tips, float)
     failed = ~(np.isfinite(up).all(1) & np.isfinite(height) & np.isfinite(tips).all(1))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -53,10 +59,26 @@ def compute_readings(
     clearance = np.where(np.isnan(clearance), MAX_CLEARANCE, np.maximum(clearance, 0))
     tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
     touch = (tips < TOUCH_HEIGHT).astype(float)
-    angles = np.array(angles, float)
-    for values in (tilt, clearance, touch, angles):
+    angles, channels = np.array(angles, float), np.empty((len(up), len(columns)))
+    sense_batch(
+        *pack_inputs(bodies, slice(None)), angles, np.ascontiguousarray(up),
+        np.ascontiguousarray(height), columns.columns, channels,
+    )  # fmt: skip
+    for values in (tilt, clearance, touch, angles, channels):
         values[failed] = np.nan
-    return Readings(tilt, clearance, touch, angles, failed)
+    return Readings(tilt, clearance, touch, angles, channels, failed)
+
+
+def pack_inputs(bodies: Bodies, rows: slice) -> tuple:
+    """Rows of a batch as the kernels take them."""
+    a = bodies.anatomy
+    return (
+        bodies.parent[rows], bodies.anchor[rows], compute_mounts(bodies[rows]),
+        bodies.axis[rows], bodies.length[rows], bodies.thickness[rows],
+        bodies.mass[rows],
+        (a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass),
+        a.radius,
+    )  # fmt: skip
 
 
 MAX_CLEARANCE = 0.5  # [m] range of the belly sensor; chosen, no pose reaches it upright

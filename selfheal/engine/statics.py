@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, Ints
+from ..body.body import Anatomy, Bodies, Floats, Ints
 from ..machine import count_cores
-from .readings import MAX_CLEARANCE, Readings, compute_readings
+from .channels import list_channels
+from .readings import Readings, compute_readings, pack_inputs
 
 _LEAST_ROWS_PER_THREAD = (
     64  # rows; starting a thread costs about as much as settling these
@@ -43,12 +44,17 @@ class Statics:
 
         def run(rows: slice) -> None:
             settle_batch(
-                *_pack_inputs(bodies, rows), targets[rows], self.substeps, out[rows]
-            )
+                *pack_inputs(bodies, rows), targets[rows], self._count_substeps(a),
+                out[rows],
+            )  # fmt: skip
 
         self._run_in_threads(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet, int)]
-        return compute_readings(out[:, :3], out[:, 3], feet, targets, a.torso_half[2])
+        return compute_readings(bodies, out[:, :3], out[:, 3], feet, targets)
+
+    def _count_substeps(self, anatomy: Anatomy) -> int:
+        """Sub-steps of the ramp; none of a robot that is bolted down."""
+        return 0 if anatomy.fixed else self.substeps
 
     def race(
         self,
@@ -66,9 +72,9 @@ class Statics:
         Args:
             bodies: N.
             targets: (n, P) joint targets of the actions [rad].
-            felt: (n, 3) channels measured: tilts [deg], clearance [mm].
-            weight: (3), and
-            cap: (3) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
+            felt: (n, C) channels measured, of the anatomy's sensors.
+            weight: (C), and
+            cap: (C) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
             order: (N, n) in which each body's actions are tried.
             bound: (N, n) a body is given up whose loss before the first, second, ...
                 action in its order is not below.
@@ -80,11 +86,13 @@ class Statics:
         from ._settle import race_batch
 
         each = np.empty((len(bodies), len(targets)))
+        channels = list_channels(bodies.anatomy)
+        steps = self._count_substeps(bodies.anatomy)
 
         def run(rows: slice) -> None:
             race_batch(
-                *_pack_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
-                bound[rows], self.substeps, MAX_CLEARANCE, each[rows],
+                *pack_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
+                bound[rows], steps, channels.columns, each[rows],
             )  # fmt: skip
 
         self._run_in_threads(run, len(bodies))
@@ -98,16 +106,3 @@ class Statics:
         edges = np.linspace(0, count, self.threads + 1).astype(int)
         with ThreadPoolExecutor(self.threads) as pool:
             list(pool.map(run, [slice(*edge) for edge in pairwise(edges.tolist())]))
-
-
-def _pack_inputs(bodies: Bodies, rows: slice) -> tuple:
-    """Rows of a batch as the kernels take them."""
-    a, heading = bodies.anatomy, bodies.heading[rows]
-    return (
-        bodies.parent[rows], bodies.anchor[rows],
-        np.stack([np.cos(heading), np.sin(heading)], axis=2),
-        bodies.axis[rows], bodies.length[rows], bodies.thickness[rows],
-        bodies.mass[rows],
-        (a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass),
-        a.radius,
-    )  # fmt: skip

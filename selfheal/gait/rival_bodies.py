@@ -6,7 +6,7 @@ from ..body.body import Bodies, Floats, measure_center_distance
 from ..body.genome import Genomes, build_bodies, center_on_sides, concatenate_genomes
 from ..engine.statics import Statics
 from ..errors import InputError
-from ..selfmodel.evaluate import CAPPED_LOSS, stack_channels
+from ..selfmodel.evaluate import make_capped_loss
 from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Run
 
@@ -51,7 +51,8 @@ def _compute_losses(run: Run, genomes: Genomes) -> Floats:
     felt = np.array([cycle.felt for cycle in run.cycles])
     rows = np.repeat(np.arange(len(bodies)), len(tried))
     seen = Statics().simulate(bodies[rows], np.tile(tried, (len(bodies), 1)))
-    gap = CAPPED_LOSS(stack_channels(seen).reshape(len(bodies), len(tried), 3), felt)
+    table = seen.channels.reshape(len(bodies), len(tried), -1)
+    gap = make_capped_loss(run.anatomy)(table, felt)
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
     total = (
         gap.sum(axis=1)

@@ -71,7 +71,10 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
     slopes = np.stack(slope, axis=-1) / (2 * NUDGE)
     before, after = (
         np.array(
-            [read_rest_channels(robot.act(a))[:2] for a in range(len(robot.actions))]
+            [
+                read_rest_channels(robot.act(a), robot.anatomy)[:2]
+                for a in range(len(robot.actions))
+            ]
         )
         for robot in (whole, broken)
     )

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Bodies
-from ..body.mjcf import GRAVITY
+from ..body.body import GRAVITY, Bodies
 from ..engine.plant import build_rated_plant
 from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies

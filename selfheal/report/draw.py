@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, compute_part_points, compute_planar_frames
+from ..body.body import Bodies, Floats, compute_part_points, compute_rest_frames
 from .picture import BLUE, INK, LINE, MUTED, ORANGE, PAPER
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def _list_corners(bodies: Bodies, row: int) -> Floats:
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     rim = np.array([1.0, 1, 0]) * a.rim
     ends = [
-        compute_planar_frames(bodies)[0][row],
+        compute_rest_frames(bodies)[0][row],
         compute_part_points(bodies, 1.0)[row],
     ]
     return np.concatenate([signs * a.torso_half, signs * rim, *ends])
@@ -182,13 +182,11 @@ def _build_faces(
     from matplotlib.colors import to_rgb
 
     a = bodies.anatomy
-    origin, heading = (x[row] for x in compute_planar_frames(bodies))
+    origin, frame = (x[row] for x in compute_rest_frames(bodies))
     faces, paints = [_build_cube() * a.torso_half], [_TORSO] * 6
     for i in range(a.size):
-        c, s = np.cos(heading[i + 1]), np.sin(heading[i + 1])
-        turn = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         local = _build_part(bodies, row, i)
-        faces.append(local @ turn + origin[i + 1])
+        faces.append(local @ frame[i + 1].T + origin[i + 1])
         paints += [colors[i]] * len(local)
     return np.concatenate(faces), np.array([to_rgb(p) for p in paints])
 
@@ -244,10 +242,8 @@ def _write_numbers(
     ax: "Axes", bodies: Bodies, row: int, camera: Camera, colors: Sequence[str]
 ) -> None:
     """Each part's number on its middle."""
-    origin, heading = (x[row] for x in compute_planar_frames(bodies))
-    for i in range(bodies.anatomy.size):
-        along = np.array([np.cos(heading[i + 1]), np.sin(heading[i + 1]), 0])
-        middle = origin[i + 1] + 0.62 * bodies.length[row, i] * along
+    points = compute_part_points(bodies, 0.62)[row]
+    for i, middle in enumerate(points):
         x, y, _ = camera.project(middle)
         badge = {"boxstyle": "circle,pad=0.22", "fc": PAPER, "ec": colors[i], "lw": 1}
         ax.text(x, y, str(i + 1), ha="center", va="center", fontsize=7.5, color=INK,

@@ -1,18 +1,19 @@
 """Evaluation: how badly candidate bodies explain what the robot has felt so far.
 
-A channel row is (left/right tilt [deg], forward/back tilt [deg], clearance [mm]).
-One simulation is one candidate under one action, on any engine.
+A channel row has what the robot's sensors say, see `engine.channels`. One simulation is
+one candidate under one action, on any engine.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints, count_centers_in_torso
 from ..body.genome import Genomes, build_bodies
+from ..engine.channels import list_channels
 from ..engine.readings import Readings
 
 
@@ -26,35 +27,33 @@ class Engine(Protocol):
         ...
 
 
-def stack_channels(readings: Readings) -> Floats:
-    """(N, 3) the channels compared: two tilts [deg] and clearance [mm]."""
-    return np.column_stack([np.degrees(readings.tilt), 1000 * readings.clearance])
-
-
 @dataclass(frozen=True)
 class Loss:
     """The error of one action: sum_c weight_c min(|predicted_c - measured_c|, cap_c).
 
     Attributes:
-        weight: (3) of the channels.
-        cap: (3) beyond which a miss is as good as another.
+        weight: (C) of the channels [1/unit].
+        cap: (C) beyond which a miss is as good as another [unit].
     """
 
     weight: Floats
     cap: Floats
 
     def __call__(self, predicted: Floats, measured: Floats) -> Floats:
-        """Loss (...) of channels (..., 3); one that is not known, NaN, is free."""
+        """Loss (...) of channels (..., C); one that is not known, NaN, is free."""
         gap = np.minimum(np.abs(predicted - measured), self.cap)
         return np.nansum(gap * self.weight, axis=-1)
 
 
 # Paper A: |lr| + |fb| [deg] + |clearance| [mm / 100]; papers.md 1.4.
 PAPER_LOSS = Loss(np.array([1.0, 1.0, 0.01]), np.full(3, np.inf))
-# Ours, chosen: beyond 8 degrees a pose is another rest of the body, and how far off it
-# is says nothing more; 1 mm of clearance counts like half a degree of tilt, about the
-# ratio of their residuals on the right body (2006 readings: 0.2 deg a tilt, 0.8 mm).
-CAPPED_LOSS = Loss(np.array([1.0, 1.0, 0.5]), np.full(3, 8.0))
+
+
+def make_capped_loss(anatomy: Anatomy) -> Loss:
+    """Ours, of all of a robot's sensors."""
+    channels = list_channels(anatomy)
+    return Loss(channels.weight, channels.cap)
+
 
 _MEMORY = 0.9  # of the running mean of each action's loss; chosen
 
@@ -65,17 +64,22 @@ class Evidence:
 
     Attributes:
         tried: (n) indices of the actions, in the order tried.
-        felt: (n, 3) channels measured.
+        measured: (n, C) channels.
     """
 
-    tried: tuple[int, ...] = ()
-    measured: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    tried: tuple[int, ...]
+    measured: Floats
+
+    @classmethod
+    def empty(cls, channels: int) -> "Evidence":
+        """Nothing tried yet."""
+        return cls((), np.zeros((0, channels)))
 
     def __len__(self) -> int:
         return len(self.tried)
 
     def add(self, action: int, felt: Floats) -> "Evidence":
-        """This evidence and one more action, with its measured channels (3)."""
+        """This evidence and one more action, with its measured channels (C)."""
         return Evidence((*self.tried, action), np.vstack([self.measured, felt]))
 
 
@@ -100,13 +104,21 @@ class Evaluator:
         engine: Engine,
         *,
         actions: Floats,
-        loss: Loss = CAPPED_LOSS,
+        loss: Loss | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """See the class; `progress` is told the simulations so far."""
+        """See the class.
+
+        Args:
+            anatomy: of the robot.
+            engine: the predictions come from it.
+            actions: (A, P) joint targets [rad].
+            loss: of one action; None: ours.
+            progress: is told the simulations so far.
+        """
         self.progress = progress or (lambda count: None)
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
-        self.loss = loss
+        self.loss = loss or make_capped_loss(anatomy)
         self.spent, self.spent_choosing, self.failed = 0, 0, 0
         self._counts_as_choice = False
         self.hardness = np.full(len(actions), np.inf)
@@ -133,24 +145,24 @@ class Evaluator:
         return np.argsort(-self.hardness[list(evidence.tried)], kind="stable")
 
     def simulate_actions(self, bodies: Bodies, actions: Ints) -> Floats:
-        """(N, 3) channels of N bodies, each under an action (N); NaN where diverged."""
+        """(N, C) channels of N bodies, each under an action (N); NaN where diverged."""
         readings = self.engine.simulate(bodies, self.actions[actions])
         self._count(len(actions))
         self.failed += int(readings.failed.sum())
-        return stack_channels(readings)
+        return readings.channels
 
     def compute_table(self, genomes: Genomes) -> Floats:
-        """(N, A, 3) channels of N genomes under every action; NaN where diverged."""
+        """(N, A, C) channels of N genomes under every action; NaN where diverged."""
         return self.compute_body_table(build_bodies(self.anatomy, genomes))
 
     def compute_body_table(self, bodies: Bodies) -> Floats:
-        """(N, A, 3) channels of N bodies under every action; NaN where diverged."""
+        """(N, A, C) channels of N bodies under every action; NaN where diverged."""
         count = len(self.actions)
         rows = np.repeat(np.arange(len(bodies)), count)
         flat = self.simulate_actions(
             bodies[rows], np.tile(np.arange(count), len(bodies))
         )
-        return flat.reshape(len(bodies), count, 3)
+        return flat.reshape(len(bodies), count, -1)
 
     def compute_losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
@@ -234,7 +246,8 @@ class Evaluator:
             seen = self.simulate_actions(
                 bodies[np.repeat(alive, width)], tried[now].reshape(-1)
             )
-            gap = self.loss(seen, evidence.measured[now].reshape(-1, 3))
+            felt = evidence.measured[now].reshape(len(seen), -1)
+            gap = self.loss(seen, felt)
             gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap).reshape(now.shape)
             each[alive[:, None], now] = gap
             place += width

@@ -16,10 +16,10 @@ _RESOLUTION, _TEMPERATURE = 2.0, 1.0
 DISAGREEMENT_TEMPERATURE = 4.0
 # Chosen on simulated robots; from 0.05 to 0.2 there is no difference.
 _EVENNESS_WEIGHT = 0.1
-_SCALE = np.array([1.0, 1.0, 0.5])  # mm of clearance count half, as in the loss
-# [deg], [deg], [mm] by which a reading tells two bodies apart; chosen: more than a
-# sensor's noise and less than what servos add to it.
-DISTINGUISHABLE = np.array([1.0, 1.0, 2.0])
+# of a degree of tilt, or as much of another channel as counts like it in the loss, by
+# which a reading tells two bodies apart; chosen: more than a sensor's noise and less
+# than what servos add to it.
+DISTINGUISHABLE = 1.0
 _TABLES_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
 
 
@@ -46,15 +46,22 @@ def measure_disagreement(tables: Floats, belief: Floats) -> float:
     return float(np.sqrt(square).mean()) if square.size else 0.0
 
 
-def find_indistinguishable(found: Hypotheses, table: Floats) -> Hypotheses:
-    """Hypotheses that no action tells from the body of a table (A, 3).
+def find_indistinguishable(
+    found: Hypotheses, table: Floats, weight: Floats
+) -> Hypotheses:
+    """Hypotheses that no action tells from the body of a table.
 
     An action under which a body's channels are not known, NaN, tells nothing.
+
+    Args:
+        found: the hypotheses.
+        table: (A, C) of the body.
+        weight: (C) of the channels in the loss [1/unit].
     """
     rows = np.arange(len(found))
     alike = [np.empty(0, np.int64)]
     for some in np.array_split(rows, 1 + len(rows) // _TABLES_AT_ONCE):
-        gap = np.nan_to_num(np.abs(found[some].tables - table))
+        gap = np.nan_to_num(np.abs(found[some].tables - table)) * weight
         alike.append(some[(gap <= DISTINGUISHABLE).all(axis=(1, 2))])
     return found[np.concatenate(alike)]
 
@@ -79,7 +86,9 @@ def draw_voters(
     return found[rows], count / count.sum()
 
 
-def predict_belief(tables: Floats, parent: Ints, belief: Floats) -> Floats:
+def predict_belief(
+    tables: Floats, parent: Ints, belief: Floats, weight: Floats
+) -> Floats:
     """(A, M) belief in its own tree that each action would leave if a body is right.
 
     P(tree of k | reading of k), where a reading of body k leaves to body l
@@ -87,11 +96,12 @@ def predict_belief(tables: Floats, parent: Ints, belief: Floats) -> Floats:
     bodies of the same tree, as at which side a leg is, counts for nothing.
 
     Args:
-        tables: (M, A, 3) channels.
+        tables: (M, A, C) channels.
         parent: (M, P) trees.
         belief: (M) sum 1.
+        weight: (C) of the channels in the loss [1/unit].
     """
-    seen = np.nan_to_num(tables * _SCALE / _RESOLUTION).transpose(1, 0, 2)
+    seen = np.nan_to_num(tables * weight / _RESOLUTION).transpose(1, 0, 2)
     _, tree = np.unique(parent, axis=0, return_inverse=True)
     same = tree.ravel()[:, None] == tree.ravel()
     left = np.empty(seen.shape[:2])

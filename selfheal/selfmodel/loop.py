@@ -8,21 +8,26 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Floats, Ints
+from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import Genomes, build_bodies
 from ..engine import ENGINES, make_engine
+from ..engine.channels import list_channels, parse_sensor
 from ..errors import InputError, RecordingError, UnknownNameError, check_seed
 from ..recording import Recording
 from ..robot.base import Robot
 from .attachment_probability import compute_attachment_probability
-from .evaluate import Evaluator, Evidence, stack_channels
+from .evaluate import Evaluator, Evidence
 from .explore import measure_disagreement
 from .paper import PaperSearch
-from .run import Cycle, Run, Settings
+from .run import Cycle, Run, Settings, uses_second_engine
 from .space import find_space, keep_others, make_genome_key
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
 BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
+# by kind of sensor: the signal that reads it, of which part or joint, and the columns
+_SIGNALS = {"tilt": "vertical", "clearance": "clearance", "touch": "{part}_touch",
+            "gravity": "{part}_vertical", "position": "{part}_tip",
+            "torque": "{joint}_torque"}  # fmt: skip
 _MOST_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
 _MOST_RECORDED = 16  # rivals kept in a cycle's record; chosen
 # Chosen on simulated robots: until reading n of N the search spends a share of its
@@ -33,26 +38,56 @@ _LATE_POWER, _HINGE_LATE_POWER = 2, 5
 Progress = Callable[[int], None]
 
 
-def read_rest_channels(recording: Recording) -> Floats:
-    """(3) channels of a recording of one action: tilts [deg], clearance [mm].
+def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
+    """The signal of a recording that reads a sensor.
+
+    Args:
+        sensor: its name, see `engine.channels`.
+        anatomy: of the robot.
+    """
+    kind, _, part = sensor.partition(":")
+    joint = anatomy.joints[anatomy.parts.index(part)] if part else ""
+    return _SIGNALS[kind].format(part=part, joint=joint)
+
+
+def read_rest_channels(recording: Recording, anatomy: Anatomy) -> Floats:
+    """(C) channels of a recording of one action; NaN where a sensor gave nothing.
+
+    A vertical is the world's in the frame of torso or part (3) [1], a tip is in the
+    torso's frame (3) [m], torques are of joints [N m].
 
     Raises:
-        RecordingError: it lacks the signal `vertical` (3), or its last sample.
+        RecordingError: it lacks a signal, but for that of clearance, or its last
+            sample.
     """
     (name, episode), *_ = recording.episodes.items()
-    vertical = episode.signals.get("vertical")
-    last = np.empty(0) if vertical is None else vertical.values[-1]
-    if last.shape != (3,) or np.isnan(last).any():
-        raise RecordingError(
-            f"{recording.file}, episode {name!r}: no reading of 'vertical' (x, y, z) "
-            "at the last sample; identify needs the tilts at rest"
-        )
-    x, y, _ = np.clip(last, -1, 1)
-    gap = episode.signals.get("clearance")
-    clearance = np.nan if gap is None else np.squeeze(gap.values[-1]) - BELLY_SENSOR
-    return np.array(
-        [-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x)), 1000 * clearance]
-    )
+    found = []
+    for sensor in anatomy.sensors:
+        signal = name_signal_of(sensor, anatomy)
+        width = 3 if parse_sensor(sensor, anatomy.parts)[0].width > 1 else 1
+        read = episode.signals.get(signal)
+        last = np.full(1, np.nan) if read is None else np.atleast_1d(read.values[-1])
+        if last.shape != (width,) or (np.isnan(last).any() and sensor != "clearance"):
+            columns = " (x, y, z)" if width > 1 else ""
+            raise RecordingError(
+                f"{recording.file}, episode {name!r}: no reading of {signal!r}{columns}"
+                f" at the last sample; identify needs {sensor} at rest"
+            )
+        found.append(_convert_reading(sensor, last))
+    return np.concatenate(found)
+
+
+def _convert_reading(sensor: str, read: Floats) -> Floats:
+    """The channels of a sensor from what its signal says."""
+    kind = sensor.partition(":")[0]
+    if kind == "tilt":
+        x, y, _ = np.clip(read, -1, 1)
+        return np.array([-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x))])
+    if kind == "gravity":
+        return np.degrees(read / max(float(np.linalg.norm(read)), 1e-9))
+    if kind == "clearance":
+        return 1000 * (read - BELLY_SENSOR)
+    return 1000 * read if kind == "position" else read
 
 
 def check_settings(settings: Settings, robot: Robot) -> None:
@@ -66,6 +101,16 @@ def check_settings(settings: Settings, robot: Robot) -> None:
     if settings.engine not in ENGINES:
         raise UnknownNameError("engine", settings.engine, ENGINES)
     find_space(settings.space)
+    if settings.engine == "mjx" and (robot.anatomy.fixed or any(robot.anatomy.bends)):
+        raise InputError(
+            f"engine 'mjx' knows no robot that is bolted down or has bent parts, as "
+            f"{robot.name!r}; would fit: statics or mujoco"
+        )
+    if settings.method != "default" and robot.anatomy.sensors != ("tilt", "clearance"):
+        raise InputError(
+            f"method {settings.method!r} knows only the sensors tilt and clearance; "
+            "would fit: method default"
+        )
     count = len(robot.actions)
     if not 1 <= settings.cycles <= count:
         raise InputError(
@@ -104,7 +149,7 @@ def check_same_robot(run: Run, robot: Robot) -> None:
     ):
         raise InputError(f"{name} has other parts or actions than when the run began")
     for k, cycle in enumerate(run.cycles if run.settings.recordings else ()):
-        again = read_rest_channels(robot.act(cycle.action))
+        again = read_rest_channels(robot.act(cycle.action), robot.anatomy)
         if not np.array_equal(again, cycle.felt, equal_nan=True):
             raise InputError(
                 f"{name} answers otherwise than when the run began, first in cycle "
@@ -139,8 +184,8 @@ class _SecondEngine:
             bodies = build_bodies(self.evaluator.anatomy, genomes)[np.array(rows)]
             seen = self.engine.simulate(bodies, self.evaluator.actions[list(actions)])
             self.spent += len(new)
-            self.known.update(zip(names, stack_channels(seen), strict=True))
-        shape = (len(genomes), len(evidence), 3)
+            self.known.update(zip(names, seen.channels, strict=True))
+        shape = (len(genomes), len(evidence), evidence.measured.shape[1])
         second = np.array([self.known[k] for _, _, k in keys]).reshape(shape)
         first = tables[:, list(evidence.tried)]
         loss, measured = self.evaluator.loss, evidence.measured
@@ -165,15 +210,16 @@ class _IdentifyLoop:
         self.evaluator.loss = self.strategy.loss
         self.rng = np.random.default_rng([settings.seed, 10])
         self.second: _SecondEngine | None = None
-        if name == "auto" and settings.method == "default":
+        if uses_second_engine(settings, robot.anatomy):
             self.second = _SecondEngine(make_engine("mjx"), self.evaluator)
-        self.evidence = Evidence()
+        self.channels = list_channels(robot.anatomy)
+        self.evidence = Evidence.empty(len(self.channels))
 
     def run_cycle(self, run: Run, before: float) -> Run:
         """The run and one more cycle; `before` seconds were spent earlier."""
         start = time.perf_counter()
         action, why = self.strategy.choose_action(self.evidence, self.rng)
-        reading = read_rest_channels(self.robot.act(action))
+        reading = read_rest_channels(self.robot.act(action), self.robot.anatomy)
         self.evidence = self.evidence.add(action, reading)
         n, cycles = len(self.evidence), self.settings.cycles
         late = (
@@ -220,7 +266,8 @@ class _IdentifyLoop:
     ) -> Cycle:
         """The record of a cycle."""
         tried = list(self.evidence.tried)
-        gap = np.abs(tables[0, tried, :2] - self.evidence.measured[:, :2])
+        shown = self.channels.shown
+        gap = np.abs(tables[0, tried] - self.evidence.measured)[:, shown > 0]
         left = np.setdiff1d(np.arange(len(self.robot.actions)), tried)
         foreseen, belief = self.strategy.predict_tables()
         return Cycle(
@@ -235,8 +282,10 @@ class _IdentifyLoop:
                 genomes.parent[0],
                 survived=_count_survived(run, genomes),
             ),
-            tilt_error=float(gap.sum(axis=1).mean()),
-            disagreement=measure_disagreement(foreseen[:, left, :2], belief),
+            tilt_error=float((gap * shown[shown > 0]).sum(axis=1).mean()),
+            disagreement=measure_disagreement(
+                (foreseen * shown)[:, left][..., shown > 0], belief
+            ),
             spent=self.evaluator.spent,
             seconds=seconds,
         )
@@ -347,13 +396,14 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     last, settings, robot = run.cycles[-1], run.settings, loop.robot
     every = np.arange(len(robot.actions))
     best = build_bodies(robot.anatomy, last.genomes[:1])
-    seen = stack_channels(
-        make_engine("mujoco").simulate(best[np.zeros_like(every)], robot.actions)
-    )
+    reference = make_engine("mujoco")
+    seen = reference.simulate(best[np.zeros_like(every)], robot.actions).channels
     counts = dict(run.counts)
     counts["mujoco"] = counts.get("mujoco", 0) + len(every)
     tried = list(loop.evidence.tried)
-    gap = np.abs(seen[tried, :2] - loop.evidence.measured[:, :2]).sum(axis=1)
+    shown = loop.channels.shown
+    gap = np.abs(seen[tried] - loop.evidence.measured)[:, shown > 0]
+    gap = (gap * shown[shown > 0]).sum(axis=1)
     gap = gap[np.isfinite(gap)]
     alike = keep_others(
         loop.strategy.list_indistinguishable(last.tables[0]), last.genomes[:1]

@@ -70,7 +70,7 @@ class Hypotheses:
 
     @property
     def tables(self) -> Floats:
-        """(N, A, 3) their channels under every action."""
+        """(N, A, C) their channels under every action."""
         return self.twins.map_tables(
             self.simulated.tables[self.row], self.turn, self.trade
         )
@@ -84,7 +84,7 @@ class Neighborhood:
     ) -> None:
         """Nobody yet."""
         self.space, self.evaluator, self.twins = space, evaluator, twins
-        self.bodies = RivalSet.empty(*evaluator.actions.shape[::-1])
+        self.bodies = RivalSet.empty(evaluator)
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
 
@@ -125,7 +125,7 @@ class Neighborhood:
         return Hypotheses(self.bodies, self.twins, *(x[order] for x in columns))
 
     def add_bodies(self, genomes: Genomes, tables: Floats) -> None:
-        """Take in bodies (N) with tables (N, A, 3), if no twin of theirs is known."""
+        """Take in bodies (N) with tables (N, A, C), if no twin of theirs is known."""
         for row in range(len(genomes)):
             family, distinct = self._identify_family(genomes[[row]])
             if family not in self._family:

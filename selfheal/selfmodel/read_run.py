@@ -3,12 +3,15 @@
 import json
 import os
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
 from ..body.body import Anatomy, Bodies, Ints
 from ..body.genome import HINGE_NAMES, Genomes
+from ..engine.channels import list_channels
+from ..errors import InputError
 from ..schema import (
     ROUNDING,
     ArraySchema,
@@ -18,8 +21,9 @@ from ..schema import (
     PositiveCount,
     open_members,
 )
-from .run import FORMAT, VERSION, Cycle, Run, Settings
+from .run import FORMAT, VERSION, Cycle, Run, Settings, uses_second_engine
 
+HingeKind = Annotated[int, Field(ge=0, lt=len(HINGE_NAMES))]
 # [m], [kg] or [rad]: what is beyond is damage; chosen
 _SMALLEST, _LARGEST = 1e-9, 1e6
 
@@ -49,6 +53,10 @@ _ANATOMY = {
     "block_center": _make_place("P"),
     "block_mass": _make_size("P", least=0.0),
     "feet": tuple[PositiveCount, ...],
+    "hinges": tuple[HingeKind, ...],
+    "bends": tuple[Number, ...],
+    "fixed": bool,
+    "sensors": tuple[str, ...],
 }
 _BODY = {
     "parent": ArraySchema((1, "P"), "int", is_tree=True),
@@ -66,14 +74,14 @@ _GENOMES = {
     "length": _make_size("K", "P"),
 }
 _RIVALS = {
-    "tables": ArraySchema(("K", "A", 3), has_gaps=True),
+    "tables": ArraySchema(("K", "A", "C"), has_gaps=True),
     "losses": ArraySchema(("K",), has_gaps=True),
 }
 _SURENESS = ArraySchema(("P",), low=0.0, high=1.0 + ROUNDING, has_gaps=True)
 _CYCLE = {
     "action": ArraySchema((), "int", 0),
     "why": str,
-    "felt": ArraySchema((3,), has_gaps=True),
+    "felt": ArraySchema(("C",), has_gaps=True),
     **_RIVALS,
     "sureness": _SURENESS,
     "tilt_error": ArraySchema(has_gaps=True),
@@ -91,7 +99,7 @@ _CLIMBERS = {
 _ANY_METHOD = {"hardness": ArraySchema(("A",), has_gaps=True), "random": str}
 _SECOND_ENGINE = {
     "judge_keys": ArraySchema(("J", None), "byte"),
-    "judge_values": ArraySchema(("J", 3), has_gaps=True),
+    "judge_values": ArraySchema(("J", "C"), has_gaps=True),
 }
 
 
@@ -180,6 +188,13 @@ def _read_anatomy(file: Members) -> Anatomy:
         raise group.make_error("joints", found, f"{count}, one each part")
     if not all(foot <= count for foot in anatomy.feet):
         raise group.make_error("feet", f"{anatomy.feet}", f"parts from 1 to {count}")
+    for name in ("hinges", "bends"):
+        if len(getattr(anatomy, name)) not in (0, count):
+            raise group.make_error(name, "of another length", f"none or {count}")
+    try:
+        group.sizes["C"] = file.sizes["C"] = len(list_channels(anatomy))
+    except InputError as error:
+        raise group.make_error("sensors", str(error), "those of its parts") from error
     return anatomy
 
 
@@ -230,7 +245,7 @@ def _read_state(file: Members, run: Run) -> dict[str, Any]:
         state |= group.read_table(_CLIMBERS)
     if settings.engine == "auto":
         engines = {"statics"}
-        if settings.method == "default":
+        if uses_second_engine(settings, run.anatomy):
             state |= group.read_table(_SECOND_ENGINE)
             engines |= {"mjx"}
     if lacking := {*engines, "choice", "failed"} - {*run.counts}:

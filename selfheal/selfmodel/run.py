@@ -1,6 +1,6 @@
 """Runs on disk: everything a self-modeling run knows, to look at or to go on with.
 
-RUN.h5: attributes format="selfheal-run", version=2, settings, counts and result as
+RUN.h5: attributes format="selfheal-run", version=3, settings, counts and result as
 JSON; groups `anatomy`, `truth` (if the robot knows it), `cycles/<k>`, `state`.
 """
 
@@ -21,7 +21,7 @@ from ..printable import make_printable
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FORMAT, VERSION = "selfheal-run", 2
+FORMAT, VERSION = "selfheal-run", 3
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,12 @@ class Settings:
     seed: int = 0
 
 
+def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:
+    """Whether rivals are confirmed by MJX, which knows robots that lie on a floor."""
+    is_plain = not anatomy.fixed and not any(anatomy.bends)
+    return settings.engine == "auto" and settings.method == "default" and is_plain
+
+
 @dataclass(frozen=True)
 class Cycle:
     """One turn of the loop: an action, what it felt, what is believed since.
@@ -61,17 +67,18 @@ class Cycle:
     Attributes:
         action: index into the robot's actions.
         why: one sentence on the choice.
-        felt: (3) measured channels: tilts left/right, forward/back [deg], clearance
-            [mm]; NaN where a sensor gave nothing.
+        felt: (C) measured channels, see `engine.channels`; NaN where a sensor gave
+            nothing.
         genomes: (K) the rivals, best first.
-        tables: (K, A, 3) their channels under every action; NaN where not simulated.
+        tables: (K, A, C) their channels under every action; NaN where not simulated.
         losses: (K) over the actions so far.
         sureness: (P) stated probability that each attachment is right.
         tilt_error: of the best rival, |left/right| + |forward/back|, mean over the
-            actions so far [deg].
+            actions so far [deg]; of a robot without tilts its error of all channels,
+            in as many degrees as they count like.
         disagreement: among the bodies that might be right, about the untried actions:
-            mean standard deviation of their tilts, each counted as far as it is
-            believed [deg].
+            mean standard deviation of their tilts, or of all channels, each counted as
+            far as it is believed [deg].
         spent: simulations for the search since the start.
         seconds: time since the start, interruptions left out [s].
     """
@@ -209,4 +216,5 @@ def _write_dataclass(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
     for f in fields(data):
         if f.name not in skip:
             value = getattr(data, f.name)
-            group[f.name] = json.dumps(value) if isinstance(value, tuple) else value
+            is_json = isinstance(value, (tuple, bool))
+            group[f.name] = json.dumps(value) if is_json else value

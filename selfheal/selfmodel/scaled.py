@@ -96,11 +96,12 @@ def estimate_scales(
     engine = make_engine("statics")
     evaluator = Evaluator(robot.anatomy, engine, actions=robot.actions, loss=PAPER_LOSS)
     finder = ScaleSearch(evaluator, known=known)
-    rule, evidence = ReleasedRule(finder, method, cycles), Evidence()
+    rule, evidence = ReleasedRule(finder, method, cycles), Evidence.empty(3)
     rng = np.random.default_rng([seed, 11])
     while len(evidence) < cycles:
         action, _ = rule.choose_action(evidence, rng)
-        evidence = evidence.add(action, read_rest_channels(robot.act(action)))
+        felt = read_rest_channels(robot.act(action), robot.anatomy)
+        evidence = evidence.add(action, felt)
         rule.search_bodies(evidence, rng)
         best = finder.genes[int(np.argmin(finder.losses))]
         yield ScaleEstimate(

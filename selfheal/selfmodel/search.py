@@ -14,6 +14,7 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, center_on_sides, concatenate_genomes
+from ..engine.channels import list_channels
 from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
 from .space import (
@@ -53,7 +54,7 @@ class RivalSet:
 
     Attributes:
         genomes: (K).
-        tables: (K, A, 3) their channels under every action.
+        tables: (K, A, C) their channels under every action.
         losses: (K) over the evidence so far.
     """
 
@@ -62,12 +63,14 @@ class RivalSet:
     losses: Floats
 
     @classmethod
-    def empty(cls, parts: int, actions: int) -> "RivalSet":
+    def empty(cls, evaluator: Evaluator) -> "RivalSet":
         """No rivals yet."""
+        actions, parts = evaluator.actions.shape
         whole = np.zeros((0, parts), np.int64)
         real = np.zeros((0, parts))
         nobody = Genomes(whole, real, whole, real)
-        return cls(nobody, np.zeros((0, actions, 3)), np.zeros(0))
+        channels = len(list_channels(evaluator.anatomy))
+        return cls(nobody, np.zeros((0, actions, channels)), np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.losses)
@@ -82,7 +85,7 @@ class RivalSet:
 
         Args:
             genome: (1) of the peak.
-            table: (A, 3) its channels under every action.
+            table: (A, C) its channels under every action.
             loss: of the peak.
         """
         twin = np.flatnonzero(_has_same_structure(self.genomes, genome))
@@ -195,8 +198,7 @@ class RivalSearch:
 
     def __post_init__(self) -> None:
         """Start with nobody."""
-        actions, parts = self.evaluator.actions.shape
-        self.rivals = RivalSet.empty(parts, actions)
+        self.rivals = RivalSet.empty(self.evaluator)
 
     def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
         """Search until the evaluator has spent its simulations.
@@ -248,10 +250,7 @@ class RivalSearch:
 
     def _rescore_rivals(self, evidence: Evidence) -> list[_Climber]:
         """Score the rivals on the evidence, each as its best twin; all climb again."""
-        old, self.rivals = (
-            self.rivals,
-            RivalSet.empty(*self.evaluator.actions.shape[::-1]),
-        )
+        old, self.rivals = self.rivals, RivalSet.empty(self.evaluator)
         for row in range(len(old)):
             self.rivals.add_rival(
                 *self._find_best_twin(old.genomes[[row]], old.tables[row], evidence)

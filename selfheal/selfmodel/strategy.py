@@ -8,7 +8,8 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes
-from .evaluate import CAPPED_LOSS, PAPER_LOSS, Evaluator, Evidence, Loss
+from ..engine.channels import list_channels
+from .evaluate import PAPER_LOSS, Evaluator, Evidence, Loss, make_capped_loss
 from .explore import (
     DISAGREEMENT_TEMPERATURE,
     choose_action,
@@ -64,7 +65,7 @@ class Strategy(Protocol):
         ...
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """Genomes (K), tables (K, A, 3) and losses (K), best first."""
+        """Genomes (K), tables (K, A, C) and losses (K), best first."""
         ...
 
     def list_candidates(self) -> tuple[Ints, Floats]:
@@ -72,11 +73,11 @@ class Strategy(Protocol):
         ...
 
     def predict_tables(self) -> tuple[Floats, Floats]:
-        """Tables (M, A, 3) of bodies that might be right, and weights (M) of them."""
+        """Tables (M, A, C) of bodies that might be right, and weights (M) of them."""
         ...
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """Bodies that may be right and that no action tells from a table's (A, 3)."""
+        """Bodies that may be right and that no action tells from a table's (A, C)."""
         ...
 
     def compute_prior(self, genomes: Genomes) -> Floats:
@@ -98,7 +99,7 @@ class RivalStrategy:
     def __init__(self, evaluator: Evaluator, *, space: str, known_lengths: bool,
                  random_actions: bool) -> None:  # fmt: skip
         """`random_actions` leaves the choice to chance, for comparison."""
-        self.loss, self.evaluator = CAPPED_LOSS, evaluator
+        self.loss, self.evaluator = make_capped_loss(evaluator.anatomy), evaluator
         twins = SymmetryGroup.from_actions(evaluator.anatomy, evaluator.actions)
         where = find_space(space, known_lengths=known_lengths)
         self.finder = RivalSearch(where, evaluator, twins)
@@ -120,7 +121,8 @@ class RivalStrategy:
         some, belief = draw_voters(self.found, rng)
         # a part of the vote is the same for all: those known are not all there are
         belief = (1 - _UNKNOWN_SHARE) * belief + _UNKNOWN_SHARE / len(belief)
-        left = predict_belief(some.tables, some.genomes.parent, belief)
+        weight = self.loss.weight
+        left = predict_belief(some.tables, some.genomes.parent, belief, weight)
         action = choose_action(score_actions(left, belief), evidence.tried)
         return action, (
             f"of {len(self.found):,} bodies that might be it, leaves "
@@ -152,7 +154,7 @@ class RivalStrategy:
         crowd.keep_best(self.finder.size + _SEEDED)
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The rivals by loss and prior: genomes, tables (K, A, 3) and losses (K)."""
+        """The rivals by loss and prior: genomes, tables (K, A, C) and losses (K)."""
         crowd = self.finder.rivals
         order = np.argsort(
             crowd.losses + self.compute_prior(crowd.genomes), kind="stable"
@@ -167,7 +169,7 @@ class RivalStrategy:
         return self.found.genomes.parent, compute_plausibility(self.found.costs)
 
     def predict_tables(self) -> tuple[Floats, Floats]:
-        """Tables (N, A, 3) and belief (N) of some candidates, equal whenever asked."""
+        """Tables (N, A, C) and belief (N) of some candidates, equal whenever asked."""
         if not self.found:
             return self.finder.rivals.tables, np.ones(len(self.finder.rivals))
         some, belief = draw_voters(
@@ -176,9 +178,9 @@ class RivalStrategy:
         return some.tables, belief
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """Hypotheses that no action tells from the body of a table (A, 3)."""
+        """Hypotheses that no action tells from the body of a table (A, C)."""
         assert self.found is not None
-        return find_indistinguishable(self.found, table).genomes
+        return find_indistinguishable(self.found, table, self.loss.weight).genomes
 
     def compute_prior(self, genomes: Genomes) -> Floats:
         """Cost (N) of each body by its kinds of limbs: few kinds are likelier."""
@@ -287,12 +289,14 @@ class ReleasedStrategy:
         self.rule.search_bodies(evidence, rng)
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The climbers: genomes, tables (K, A, 3) and losses (K).
+        """The climbers: genomes, tables (K, A, C) and losses (K).
 
         The rule keeps no tables, so these are NaN.
         """
         genomes = self.finder.genomes
-        shape = (len(genomes), len(self.finder.evaluator.actions), 3)
+        evaluator = self.finder.evaluator
+        channels = len(list_channels(evaluator.anatomy))
+        shape = (len(genomes), len(evaluator.actions), channels)
         return genomes, np.full(shape, np.nan), self.finder.losses
 
     def list_candidates(self) -> tuple[Ints, Floats]:
@@ -300,7 +304,7 @@ class ReleasedStrategy:
         return self.finder.genomes.parent, compute_plausibility(self.finder.losses)
 
     def predict_tables(self) -> tuple[Floats, Floats]:
-        """Tables (K, A, 3) and belief (K) of the climbers."""
+        """Tables (K, A, C) and belief (K) of the climbers."""
         evaluator = self.finder.evaluator
         with evaluator.count_as_choice():
             tables = evaluator.compute_table(self.finder.genomes)
@@ -309,7 +313,7 @@ class ReleasedStrategy:
         )
 
     def list_indistinguishable(self, table: Floats) -> Genomes:
-        """None, whatever the table (A, 3): the climbers' tables are not simulated."""
+        """None, whatever the table (A, C): the climbers' tables are not simulated."""
         return self.finder.genomes[:0]
 
     def compute_prior(self, genomes: Genomes) -> Floats:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import Genomes
+from ..engine.channels import SENSOR_KINDS, Channels, list_channels
 
 _MOST_TRADES = 1000  # chosen: beyond it only pairs trade labels
 # hinge kinds after a mirror: left and right, roll left and roll right change places
@@ -31,13 +32,15 @@ class SymmetryGroup:
         action: (T, A) index of the action that the first body must do for its twin
             to have done action a; -1 if the robot does not offer it.
         turns: (G, 2) quarters turned to the left, then 1 if mirrored (left to right).
-        tilt: (G, 3, 3) what that does to the channels [1].
+        channel: (G, C, C) what that does to the channels [1].
+        column: (T, C) of the body, in which the twin of a trade has each channel.
     """
 
     trade: Ints
     action: Ints
     turns: Ints
-    tilt: Floats
+    channel: Floats
+    column: Ints
 
     @classmethod
     def from_actions(cls, anatomy: Anatomy, actions: Floats) -> "SymmetryGroup":
@@ -50,8 +53,15 @@ class SymmetryGroup:
         square &= np.isclose(anatomy.rim[0], anatomy.rim[1])
         turns = np.array([(k, m) for m in (0, 1) for k in range(4)])
         turns = turns if square else turns[[0, 2, 4, 6]]
-        tilt = np.array([_build_tilt_map(k, m) for k, m in turns])
-        return cls(trade, np.array(found).T.copy(), turns, tilt)
+        channels = list_channels(anatomy)
+        maps = np.array([_build_channel_map(channels, k, m) for k, m in turns])
+        column = _trade_columns(channels, trade)
+        return cls(trade, np.array(found).T.copy(), turns, maps, column)
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether no part has a sensor, so that trades leave the channels alone."""
+        return bool((self.column == self.column[0]).all())
 
     def find_valid_trades(self, parent: Ints) -> np.ndarray:
         """(T) whether a body's parents (P) still come before children once traded."""
@@ -70,16 +80,22 @@ class SymmetryGroup:
 
         Args:
             parent: (P) of the body.
-            table: (A, 3) the body's channels under every action.
+            table: (A, C) the body's channels under every action.
             tried: (n) actions tried.
-            felt: (n, 3) channels measured.
+            felt: (n, C) channels measured.
             loss: of one action.
         """
-        twins = table @ self.tilt.transpose(0, 2, 1)  # (G, A, 3)
-        each = loss(twins[:, None], felt[:, None])  # (G, n, A)
-        each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
+        twins = table @ self.channel.transpose(0, 2, 1)  # (G, A, C)
         source = self.action[:, tried]  # (T, n)
-        total = each[:, np.arange(len(tried)), source].sum(axis=2)
+        if self.is_plain:
+            each = loss(twins[:, None], felt[:, None])  # (G, n, A)
+            each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
+            total = each[:, np.arange(len(tried)), source].sum(axis=2)
+        else:  # a trade of parts trades their sensors, too
+            moved = twins[:, source[..., None], self.column[:, None]]  # (G, T, n, C)
+            each = loss(moved, felt)
+            each = np.where(np.any(np.isnan(moved), axis=3), np.inf, each)
+            total = each.sum(axis=2)
         unknown = (source < 0).any(axis=1) | ~self.find_valid_trades(parent)
         return np.where(unknown, np.inf, total)
 
@@ -87,12 +103,12 @@ class SymmetryGroup:
         """Channels of one twin of a body under every action.
 
         Args:
-            table: (A, 3) the body's channels under every action.
+            table: (A, C) the body's channels under every action.
             turn: row in `turns`.
             trade: row in `trade`.
 
         Returns:
-            (A, 3) channels; NaN where not known.
+            (A, C) channels; NaN where not known.
         """
         return self.map_tables(table[None], np.array([turn]), np.array([trade]))[0]
 
@@ -100,16 +116,18 @@ class SymmetryGroup:
         """Channels of a twin of each body under every action.
 
         Args:
-            tables: (N, A, 3) the bodies' channels under every action.
+            tables: (N, A, C) the bodies' channels under every action.
             turn: (N) rows in `turns`.
             trade: (N) rows in `trade`.
 
         Returns:
-            (N, A, 3) channels; NaN where not known.
+            (N, A, C) channels; NaN where not known.
         """
         source = self.action[trade]  # (N, A)
         found = np.take_along_axis(tables, np.maximum(source, 0)[..., None], axis=1)
-        twins = found @ self.tilt[turn].transpose(0, 2, 1)
+        twins = found @ self.channel[turn].transpose(0, 2, 1)
+        if not self.is_plain:
+            twins = np.take_along_axis(twins, self.column[trade][:, None], axis=2)
         return np.where((source < 0)[..., None], np.nan, twins)
 
     def map_genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
@@ -161,7 +179,13 @@ def _round_actions(actions: Floats) -> Floats:
 def classify_parts(anatomy: Anatomy) -> Ints:
     """(P) a number for each part, the same for parts that are alike."""
     a = anatomy
-    kind = np.column_stack([a.length, a.radius, a.mass, a.block_half, a.block_mass])
+    own = [{s.partition(":")[0] for s in a.sensors if s.endswith(f":{part}")}
+           for part in a.parts]  # fmt: skip
+    sensors = [[kind in found for kind in SENSOR_KINDS] for found in own]
+    kind = np.column_stack([
+        a.length, a.radius, a.mass, a.block_half, a.block_mass, np.array(sensors),
+        a.hinges or np.zeros(a.size), a.bends or np.zeros(a.size),
+    ])  # fmt: skip
     return np.unique(np.round(kind, 9), axis=0, return_inverse=True)[1].ravel()
 
 
@@ -185,9 +209,42 @@ def _list_trades(anatomy: Anatomy) -> Ints:
     return np.array(rows)
 
 
-def _build_tilt_map(quarters: int, mirrored: int) -> Floats:
-    """(3, 3) channels (lr, fb, clearance) of a body mirrored, then turned left."""
-    matrix = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    # up = (sin fb, -sin lr) turns with the body: fb' = lr, lr' = -fb
-    quarter = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    return np.linalg.matrix_power(quarter, quarters) @ matrix
+def _build_channel_map(channels: Channels, quarters: int, mirrored: int) -> Floats:
+    """(C, C) channels of a body whose torso's plan is mirrored, then turned left.
+
+    Args:
+        channels: of the robot.
+        quarters: by which it is turned.
+        mirrored: 1 if left becomes right.
+    """
+    matrix = np.eye(len(channels))
+    first = {kind.code: name for name, kind in SENSOR_KINDS.items()}
+    # up = (sin fb, -sin lr) turns with the body: fb' = lr, lr' = -fb; so do x and y
+    turns = {"tilt": np.array([[0.0, -1], [1, 0]]),
+             "position": np.array([[0.0, -1], [1, 0]])}  # fmt: skip
+    flipped = {"tilt": 0, "gravity": 1, "position": 1}  # axis that a mirror turns
+    for c in np.flatnonzero(channels.axis == 0):
+        name = first[int(channels.code[c])]
+        if mirrored and name in flipped:
+            matrix[c + flipped[name], c + flipped[name]] = -1.0
+        if name in turns:
+            turn = np.linalg.matrix_power(turns[name], quarters)
+            matrix[c : c + 2] = turn @ matrix[c : c + 2]
+    return matrix
+
+
+def _trade_columns(channels: Channels, trade: Ints) -> Ints:
+    """(T, C) where each channel of a twin stands among those of the body.
+
+    Args:
+        channels: of the robot.
+        trade: (T, P) part i + 1 becomes part trade[t, i] + 1.
+    """
+    place = {key: c for c, key in enumerate(zip(*map(np.ndarray.tolist,
+             channels.columns), strict=True))}  # fmt: skip
+    back = np.argsort(trade, axis=1)  # part i of the twin was part back[i]
+    return np.array([
+        [place[code, int(row[part - 1]) + 1 if part else 0, axis]
+         for code, part, axis in place]
+        for row in back
+    ])  # fmt: skip

@@ -105,7 +105,7 @@ def _offer_hidden(targets: Floats, seed: int) -> tuple[Floats, Ask]:
     """Poses that a hidden robot offers, and what asks it for one."""
     robot = SimulatedRobot(HIDDEN, load_published_body(), seed, offers=targets)
     return targets, lambda k: np.array(
-        [*read_rest_channels(robot.act(k)), *robot.read_touch(k)]
+        [*read_rest_channels(robot.act(k), robot.anatomy), *robot.read_touch(k)]
     )
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from ..recording.data import Floats
 from .balance import TorqueBalance, make_terms, solve_bounded
 from .disagreements import INDEPENDENT_KERNELS, Comparison
-from .fault import Fault
+from .fault import Fault, format_columns
 from .odd import MAX_FOLDS, name_dof
 from .pairs import FAR_BETTER
+from .ranges import TOLERANCE_SHARE
 from .series import Series
 from .states import Mend
 
@@ -137,7 +138,6 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
     series = balance.series
     names = np.array(series.ids)[series.episode[balance.rows]]
     on, off, acts = _balance_without(balance, names)
-    driven = acts.any(axis=0)
     ids, best = list(dict.fromkeys(names.tolist())), None
     for episode in ids:
         own = np.flatnonzero(names == episode)
@@ -147,11 +147,12 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
             seconds = series.step * (balance.rows[rows[-1]] - balance.rows[rows[0]])
             count = seconds / (INDEPENDENT_KERNELS * series.kernel)
             share = off[rows].sum(axis=0) / np.maximum(on[rows].sum(axis=0), 1e-30)
-            lost = driven & (share < FAR_BETTER) & acts[own[0]]
+            driven = acts[own[0]] & (on[rows] > 0).any(axis=0)
+            lost = driven & (share < FAR_BETTER)
             if count < 1 or 2 * lost.sum() <= driven.sum():
                 continue
-            left = float(share[lost].max())
-            p = float(f.sf(1 / left, count, count))
+            left = float(np.exp(np.log(share[lost]).mean()))
+            p = float(f.sf(1 / left, *(count * lost.sum(),) * 2))
             p *= len(ids) * len(starts) * int(driven.sum())
             if p < MAX_P_VALUE and (best is None or p < best[0]):
                 best = p, episode, seconds, lost, left
@@ -161,9 +162,9 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
     joints = [name_dof(balance, int(d)) for d in balance.dofs[lost]]
     return [Fault(
         "odd_episode", (episode,), (), joints[0],
-        f"in the last {seconds:.2g} s of episode {episode!r} {len(joints)} joints move "
-        f"as if nothing drove them: without the actuators' torques {100 * left:.2g} % "
-        "of what is left with them is: it was aborted, say",
+        f"in the last {seconds:.2g} s of episode {episode!r} {format_columns(joints)} "
+        "move as if nothing drove them: without the actuators' torques "
+        f"{100 * left:.2g} % of what is left with them is: it was aborted, say",
         p, OFF_BASIS, (f"leave episode {episode!r} out",),
     )]  # fmt: skip
 
@@ -178,8 +179,9 @@ def _balance_without(
         names: (n) id of the episode of each row.
 
     Returns:
-        (n, D) squares that are left with the actuators' torques and without, and
-        (n, D) whether the actuators' explain anything of the other episodes.
+        (n, D) squares that are left with the actuators' torques and without, 0 where a
+        joint is at a stop, and (n, D) whether the actuators' explain anything of the
+        other episodes.
     """
     fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
     parts = balance.compute_torques(Mend(), balance.rows)
@@ -196,4 +198,22 @@ def _balance_without(
             on[here, k], off[here, k] = left[here] ** 2, (left - given)[here] ** 2
             without = np.sum((left - given)[~here] ** 2)
             acts[here, k] = without > np.sum(left[~here] ** 2)
+        stopped = _is_at_stop(balance, int(d), own["q"])
+        on[stopped, k] = off[stopped, k] = 0.0
     return on, off, acts
+
+
+def _is_at_stop(balance: TorqueBalance, dof: int, position: Floats) -> np.ndarray:
+    """(n) whether a joint is where its range ends, whose torque is not known.
+
+    Args:
+        balance: of the torques.
+        dof: of the joint.
+        position: (n) of the joint [rad or m].
+    """
+    model, joint = balance.given, int(balance.given.dof_jntid[dof])
+    if not model.jnt_limited[joint]:
+        return np.zeros(len(position), bool)
+    low, high = model.jnt_range[joint]
+    near = TOLERANCE_SHARE * (high - low)
+    return (position < low + near) | (position > high - near)

@@ -8,7 +8,7 @@ from ..recording import Recording, reorder_commands
 from .aborted import find_unpowered
 from .bodies import BodyCheck
 from .fault import KINDS, Fault
-from .joint_faults import JointCheck
+from .joint_faults import BASES, JointCheck
 from .joints import list_joints
 from .odd import find_odd
 from .ranges import find_beyond
@@ -99,8 +99,11 @@ def _examine_motion(
         others = _examine_motion(replace(recording, episodes=rest), model, held)
         return Telemetry((*odd, *others.faults), others.unchecked)
     faults = setup + _find_faults(recording, check, rollouts, held)
-    if not check.is_late and not any(f.is_decisive for f in faults):
-        faults += find_missing_actuators(recording, check.balance)
+    # of a robot that something unknown drives, its torques tell nothing of columns
+    told = [f for f in faults if f.basis != BASES["torque"]]
+    if not check.is_late and not any(f.is_decisive for f in told):
+        missing = [*find_missing_actuators(recording, check.balance, check.mend)]
+        faults = [*told, *missing] if missing else faults
     reason = check.balance.reason
     said = (f"the balance of torques: {reason}",) if reason else ()
     return Telemetry(tuple(faults), said)

@@ -24,6 +24,7 @@ MIN_DEGREES = 5.0
 # share of the mean square that a rotation may leave, and of what is left without it;
 # chosen: as of the other readings of bodies
 MAX_LEFT, FAR_BETTER = 0.15, 0.25
+REWEIGHTED = 3  # times that sensors are weighted anew; the third changes nothing
 SITE_SENSORS = ("ACCELEROMETER", "GYRO", "VELOCIMETER")
 BASIS = (
     "F test of the squared errors as the model has it and turned, a tenth of the rows "
@@ -128,18 +129,24 @@ def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
     predicted, read = (np.concatenate(part) for part in zip(*known, strict=True))
     if np.linalg.matrix_rank(predicted.T @ predicted, tol=1e-9 * len(predicted)) < 2:
         return None
-    found, _, spread = Rotation.align_vectors(read, predicted, return_sensitivity=True)
+    errors = np.ones(len(known))
+    for _ in range(REWEIGHTED):  # each sensor counts by how well it is predicted
+        weights = np.repeat(1 / errors, [len(a) for a, _ in known])
+        found, _, spread = Rotation.align_vectors(
+            read, predicted, weights=weights, return_sensitivity=True
+        )
+        errors = np.array([max(_measure_error(found, *p), 1e-12) for p in known])
     turns = Rotation.create_group("O")
     near = turns[int(np.argmin((turns * found.inv()).magnitude()))]
-    left = _measure_error(found, predicted, read)
-    # `spread` is the covariance of the rotation, of rows with errors of 1 each
-    variance = np.linalg.eigvalsh(spread)[-1] * left * DEPENDENT_ROWS
+    # `spread` is the covariance of the rotation, of rows whose mean weight is 1
+    variance = np.linalg.eigvalsh(spread)[-1] / weights.mean() * DEPENDENT_ROWS
     error = np.rad2deg(np.sqrt(variance))
     if not error < MIN_DEGREES:
         return None
     is_square = bool(np.rad2deg((near * found.inv()).magnitude()) < MIN_DEGREES)
     chosen = near if is_square else found
-    given, left = (_measure_error(r, predicted, read)
+    given, left = (float(np.average([_measure_error(r, *p) for p in known],
+                                    weights=1 / errors))
                    for r in (Rotation.identity(), chosen))  # fmt: skip
     degrees = float(np.rad2deg(chosen.magnitude()))
     if degrees < MIN_DEGREES or left > min(MAX_LEFT, FAR_BETTER * given):

@@ -71,16 +71,20 @@ def _find_free_bases(
 
 
 def find_missing_actuators(
-    recording: Recording, balance: TorqueBalance
+    recording: Recording, balance: TorqueBalance, mend: Mend
 ) -> Iterator[Fault]:
     """A model without actuators of a robot that something drives.
 
-    The energy of what nothing drives only decreases, whatever the friction: asked of a
-    log in which nothing else is wrong.
+    The energy of what nothing drives only decreases, whatever the friction.
+
+    Args:
+        recording: of the robot.
+        balance: of its torques.
+        mend: of the columns, by which the log is right otherwise.
     """
     if balance.given.nactuator or balance.reason:
         return
-    parts = balance.compute_torques(Mend(), balance.rows)
+    parts = balance.compute_torques(mend, balance.rows)
     given = np.maximum((parts["all"] * parts["v"]).sum(axis=1), 0).sum()
     turned = np.abs(parts["hold"] * parts["v"]) + np.abs(parts["own"] * parts["v"])
     share = float(given / max(turned.sum(), 1e-12))

@@ -63,7 +63,7 @@ def test_a_model_has_the_sizes_of_its_readme(variant):
     anatomy = load(_path(variant)).anatomy
     for name, expected in {**PUBLISHED, **VARIANTS[variant][0]}.items():
         value = getattr(anatomy, name)
-        if isinstance(expected, tuple | str):
+        if isinstance(expected, tuple | str | bool):
             assert value == expected
         else:
             np.testing.assert_allclose(value, expected, atol=1e-12, err_msg=name)

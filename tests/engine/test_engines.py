@@ -15,9 +15,10 @@ from selfheal.engine.readings import MAX_CLEARANCE, Readings, compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
 from selfheal.robot.actions import list_actions_2006, load_published_body
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, stack_channels
+from selfheal.selfmodel.evaluate import make_capped_loss
 
 STATICS, MUJOCO = Statics(10), MuJoCo()
+LOSS = make_capped_loss(load_published_body().anatomy)
 TREES = 40
 
 # one program is compiled for all tests; test_mjx.py has quicker laws of it
@@ -126,7 +127,7 @@ def test_a_body_without_sense_fails_and_spoils_nobody_else(
     column[1, 2] = value
     mixed = engine.simulate(replace(bodies, **{field: column})[:4], targets[:4])
     assert mixed.failed.tolist() == [False, True, False, False]
-    assert np.isnan(stack_channels(mixed)[1]).all()
+    assert np.isnan(mixed.channels[1]).all()
     others = np.array([0, 2, 3])
     _same(mixed[others], engine.simulate(bodies[others], targets[others]))
     assert not list(tmp_path.iterdir()), "e.g. a MUJOCO_LOG.TXT"
@@ -149,20 +150,20 @@ def _race(bound: np.ndarray, order: np.ndarray | None = None):
     order = np.tile(np.arange(count), (TREES, 1)) if order is None else order
     targets, felt = (
         list_actions_2006()[:count],
-        stack_channels(_reference("star"))[:count],
+        _reference("star").channels[:count],
     )
     each = STATICS.race(
         bodies,
         targets,
         felt,
-        weight=CAPPED_LOSS.weight,
-        cap=CAPPED_LOSS.cap,
+        weight=LOSS.weight,
+        cap=LOSS.cap,
         order=order,
         bound=bound,
     )
     row = np.repeat(np.arange(TREES), count)
     rest = STATICS.simulate(bodies[row], np.tile(targets, (TREES, 1)))
-    full = CAPPED_LOSS(stack_channels(rest), np.tile(felt, (TREES, 1)))
+    full = LOSS(rest.channels, np.tile(felt, (TREES, 1)))
     return each, full.reshape(TREES, count)
 
 
@@ -209,7 +210,8 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
 
 def test_readings_far_beyond_the_sensors_are_within_their_range():
     up = np.array([[0, 0, 1.0], [0, 0, -1], [0, 1, 0], [np.nan, 0, 1]])
-    seen = compute_readings(up, np.ones(4), np.zeros((4, 1)), np.zeros((4, 2)), 0.1)
+    bodies = load_published_body()[np.zeros(4, int)]
+    seen = compute_readings(bodies, up, np.ones(4), np.zeros((4, 1)), np.zeros((4, 8)))
     assert seen.failed.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(seen.clearance[:3], MAX_CLEARANCE)
     np.testing.assert_allclose(seen.tilt[:3], [[0, 0], [0, 0], [-np.pi / 2, 0]])

@@ -58,9 +58,12 @@ def test_no_action_is_drawn_twice_and_all_are_drawn():
     assert firsts == {0, 1, 2, 3}
 
 
+WEIGHT = np.array([1.0, 1.0, 0.5])  # of degrees and millimeters
+
+
 def belief_in_right(tables, parent, belief) -> np.ndarray:
     """(A) belief in the right tree that can be expected after each action."""
-    return predict_belief(tables, parent, belief) @ belief
+    return predict_belief(tables, parent, belief, WEIGHT) @ belief
 
 
 def _trees(count: int) -> np.ndarray:
@@ -119,7 +122,7 @@ def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
 def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
     tilts, belief = np.zeros((4, 3, 3)), _even(4)
     tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
-    left = predict_belief(tilts, _trees(4), belief)
+    left = predict_belief(tilts, _trees(4), belief, WEIGHT)
     np.testing.assert_allclose(left @ belief, [0.5, 0.5, 0.25])
     score = score_actions(left, belief)
     assert score[1] > score[0] > score[2]
@@ -266,7 +269,7 @@ def test_the_method_chooses_untried_actions_and_says_why(searched):
         evaluator, space="free", known_lengths=False, random_actions=False
     )
     rng = np.random.default_rng(0)
-    first, why = method.choose_action(Evidence(), rng)
+    first, why = method.choose_action(Evidence.empty(3), rng)
     assert 0 <= first < len(evaluator.actions) and "random" in why
     method.search_bodies(evidence, evaluator.spent + 500, rng)
     action, why = method.choose_action(evidence, rng)
@@ -301,9 +304,9 @@ def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
         moved = table.copy()
         moved[3, channel] += 0.99 * most
         first = found[np.array([0])]
-        assert len(find_indistinguishable(first, moved)) == 1
+        assert len(find_indistinguishable(first, moved, WEIGHT)) == 1
         moved[3, channel] += 0.02 * most
-        assert len(find_indistinguishable(first, moved)) == 0
+        assert len(find_indistinguishable(first, moved, WEIGHT)) == 0
 
 
 def test_disagreement_is_the_spread_of_the_posterior():

@@ -130,7 +130,7 @@ def test_what_a_run_says_is_what_it_did():
         assert (np.diff(costs) >= -1e-12).all()
         assert ((cycle.sureness >= 0) & (cycle.sureness <= 1)).all()
         np.testing.assert_allclose(
-            cycle.felt, read_rest_channels(toy.act(cycle.action))
+            cycle.felt, read_rest_channels(toy.act(cycle.action), toy.anatomy)
         )
 
 
@@ -179,16 +179,19 @@ def test_a_recording_without_tilts_is_refused():
             signals["vertical"] = replace(vertical, values=values)
         bad = Recording({"only": replace(episode, signals=signals)}, file="bad.h5")
         with pytest.raises(RecordingError, match=r"bad\.h5, episode 'only'.*vertical"):
-            read_rest_channels(bad)
+            read_rest_channels(bad, Toy().anatomy)
 
 
 def test_a_recording_without_clearance_says_nothing_of_it():
     recording = Toy().act(3)
     (episode,) = recording.episodes.values()
     signals = {"vertical": episode.signals["vertical"]}
-    bare = read_rest_channels(Recording({"only": replace(episode, signals=signals)}))
+    bare = read_rest_channels(
+        Recording({"only": replace(episode, signals=signals)}), Toy().anatomy
+    )
     assert np.isnan(bare[2])
-    np.testing.assert_array_equal(bare[:2], read_rest_channels(recording)[:2])
+    whole = read_rest_channels(recording, Toy().anatomy)
+    np.testing.assert_array_equal(bare[:2], whole[:2])
 
 
 class Changed(Toy):
@@ -256,7 +259,7 @@ def test_what_is_no_run_is_refused(run_file, recording):
 def test_another_version_is_said(run_file):
     with h5py.File(run_file, "r+") as file:
         file.attrs["version"] = 99
-    with pytest.raises(RunFileError, match="version 99; this program reads version 2"):
+    with pytest.raises(RunFileError, match="version 99; this program reads version 3"):
         load_run(run_file)
 
 

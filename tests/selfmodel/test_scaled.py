@@ -6,7 +6,7 @@ from selfheal.body.body import measure_length_error, scale_parts
 from selfheal.body.genome import build_bodies
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import list_actions_2006, load_published_body
-from selfheal.selfmodel.evaluate import PAPER_LOSS, Evaluator, Evidence, stack_channels
+from selfheal.selfmodel.evaluate import PAPER_LOSS, Evaluator, Evidence
 from selfheal.selfmodel.scaled import SCALES, ScaleSearch
 
 
@@ -17,7 +17,7 @@ def test_climbers_of_scales_stay_in_range_and_find_a_shortened_part(known, rng):
     broken = scale_parts(build_bodies(anatomy, known), scale)
     tried = tuple(range(0, 36, 4))
     seen = Statics().simulate(broken[np.zeros(len(tried), int)], actions[list(tried)])
-    evidence = Evidence(tried, stack_channels(seen))
+    evidence = Evidence(tried, seen.channels)
     evaluator = Evaluator(anatomy, Statics(), actions=actions, loss=PAPER_LOSS)
     search = ScaleSearch(evaluator, known=known)
     search.climb(evidence, 0, rng)

@@ -24,7 +24,7 @@ from selfheal.selfmodel.space import (
     list_neighbors,
     make_genome_key,
 )
-from tests.support.stick_robot import PARTS, anatomy
+from tests.support.stick_robot import anatomy
 from tests.support.stick_search import (
     NO_LIMIT,
     TOY,
@@ -86,7 +86,7 @@ def test_a_crowd_keeps_the_best_of_each_structure():
     genomes, rng = draw_sticks(30), np.random.default_rng(0)
     genomes = concatenate_genomes(genomes, genomes, genomes)
     losses = rng.permutation(90).astype(float)
-    crowd = RivalSet.empty(PARTS, len(TOY.actions))
+    crowd = RivalSet.empty(make_evaluator())
     for row in range(90):
         table = np.full((len(TOY.actions), 3), losses[row])
         crowd.add_rival(genomes[[row]], table, losses[row])

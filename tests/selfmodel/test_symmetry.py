@@ -9,7 +9,7 @@ import pytest
 from selfheal.body.genome import Genomes, decode_matrix, draw_genomes
 from selfheal.body.genome import concatenate_genomes as joined
 from selfheal.engine.statics import Statics
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, Evaluator
+from selfheal.selfmodel.evaluate import Evaluator, make_capped_loss
 from selfheal.selfmodel.space import is_same, is_valid
 from selfheal.selfmodel.symmetry import SymmetryGroup
 from tests.support.stick_robot import PARTS, Toy, anatomy, truth_genome
@@ -95,7 +95,7 @@ def test_losses_find_the_relabeling_that_is_the_truth(turn, trade):
         evaluator.compute_table(disguised)[0],
         tried,
         felt,
-        CAPPED_LOSS,
+        make_capped_loss(TOY.anatomy),
     )
     assert losses.min() < 0.01
     best = np.unravel_index(int(np.argmin(losses)), losses.shape)

@@ -62,7 +62,7 @@ def identified(folder: Path, placement: np.ndarray = PLACEMENT) -> tuple[Path, R
         Cycle(
             a,
             "",
-            read_rest_channels(hidden.act(a)),
+            read_rest_channels(hidden.act(a), hidden.anatomy),
             genomes,
             np.zeros((1, 36, 3)),
             np.zeros(1),

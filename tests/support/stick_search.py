@@ -6,7 +6,7 @@ import numpy as np
 
 from selfheal.body.genome import Genomes, draw_genomes
 from selfheal.engine.statics import Statics
-from selfheal.selfmodel.evaluate import CAPPED_LOSS, Evaluator, Evidence, Loss
+from selfheal.selfmodel.evaluate import Evaluator, Evidence, Loss
 from selfheal.selfmodel.search import RivalSearch
 from selfheal.selfmodel.space import find_space
 from selfheal.selfmodel.symmetry import SymmetryGroup
@@ -28,7 +28,7 @@ class WavesEngine:
     def simulate(self, bodies, targets):
         rest = Statics().simulate(bodies, targets)
         failed = self.fails & has_true_shape(bodies)
-        for values in (rest.tilt, rest.clearance, rest.touch):
+        for values in (rest.tilt, rest.clearance, rest.touch, rest.channels):
             values[failed] = np.nan
         return replace(rest, failed=failed)
 
@@ -40,7 +40,7 @@ def has_true_shape(bodies) -> np.ndarray:
     ).all(axis=1)
 
 
-def make_evaluator(engine=None, loss: Loss = CAPPED_LOSS) -> Evaluator:
+def make_evaluator(engine=None, loss: Loss | None = None) -> Evaluator:
     """An evaluator of stick robots."""
     return Evaluator(TOY.anatomy, engine or Statics(), actions=TOY.actions, loss=loss)
 

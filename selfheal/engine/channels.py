@@ -1,0 +1,161 @@
+"""Channels: what a robot's sensors say at rest, as numbers that bodies can differ in.
+
+A sensor is named `tilt`, `clearance`, or by its kind and part, as `touch:shin` is. It
+has one channel or three.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats, Ints
+from ..errors import InputError, UnknownNameError
+from ..printable import quote_name
+
+
+@dataclass(frozen=True)
+class SensorKind:
+    """What a sensor measures.
+
+    Attributes:
+        code: of the kind in `_settle`.
+        width: channels.
+        unit: of them.
+        weight: of a channel's error in the loss: what a degree of tilt is [1/unit].
+        noise: by which a right prediction is off [unit].
+        of_part: whether it is a part's.
+    """
+
+    code: int
+    width: int
+    unit: str
+    weight: float
+    noise: float
+    of_part: bool = True
+
+
+# A millimeter counts like half a degree, about the ratio of their residuals on the
+# right body (2006 readings: 0.2 deg a tilt, 0.8 mm). Directions are in degrees, too. A
+# foot that touches otherwise counts as a reading off by four degrees; chosen.
+SENSOR_KINDS = {
+    "tilt": SensorKind(0, 2, "deg", 1.0, 0.2, of_part=False),
+    "clearance": SensorKind(1, 1, "mm", 0.5, 0.5, of_part=False),
+    "touch": SensorKind(2, 1, "1", 4.0, 0.0),
+    "gravity": SensorKind(3, 3, "deg", 1.0, 0.3),
+    "position": SensorKind(4, 3, "mm", 0.5, 1.0),
+    "torque": SensorKind(5, 1, "N m", 20.0, 0.02),
+}
+# beyond which a miss is as good as another [in degrees of tilt]; chosen: farther off,
+# a pose is another rest of the body, and how far says nothing more
+CAP = 8.0
+
+
+@dataclass(frozen=True)
+class Channels:
+    """The channels (C) of an anatomy's sensors, in their order.
+
+    Attributes:
+        names: of the channels, with their axis where there are several.
+        units: of the channels.
+        code: (C) of each one's kind.
+        part: (C) 1..P, or 0 for the torso.
+        axis: (C) 0, 1, 2 within its sensor.
+        weight: (C) of errors in the loss [1/unit].
+        cap: (C) beyond which a miss is as good as another [unit].
+        noise: (C) by which a right prediction is off [unit].
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    code: Ints
+    part: Ints
+    axis: Ints
+    weight: Floats
+    cap: Floats
+    noise: Floats
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def columns(self) -> tuple[Ints, Ints, Ints]:
+        """Code, part and axis (C) each, as the kernels take them."""
+        return self.code, self.part, self.axis
+
+    @property
+    def shown(self) -> Floats:
+        """(C) weights of what a run states as its error: of tilts, or else of all."""
+        is_tilt = self.code == SENSOR_KINDS["tilt"].code
+        return is_tilt.astype(float) if is_tilt.any() else self.weight
+
+
+def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
+    """Kind and part (0 for the torso) of a sensor.
+
+    Args:
+        name: as `tilt` or `touch:shin`.
+        parts: names of the robot's parts.
+
+    Raises:
+        UnknownNameError: no such kind or part.
+        InputError: a part is named for the torso's sensor, or none for a part's.
+    """
+    kind, _, part = name.partition(":")
+    if kind not in SENSOR_KINDS:
+        raise UnknownNameError("sensor", kind, SENSOR_KINDS)
+    found = SENSOR_KINDS[kind]
+    if not found.of_part:
+        if part:
+            raise InputError(f"sensor {quote_name(name)}: {kind} is the torso's; would "
+                             f"fit: {kind}")  # fmt: skip
+        return found, 0
+    if part not in parts:
+        raise UnknownNameError(f"part of sensor {kind}", part, parts)
+    return found, parts.index(part) + 1
+
+
+def list_channels(anatomy: Anatomy) -> Channels:
+    """The channels of an anatomy's sensors."""
+    return _list_channels(anatomy.sensors, anatomy.parts, anatomy.fixed)
+
+
+@lru_cache
+def _list_channels(
+    sensors: tuple[str, ...], parts: tuple[str, ...], fixed: bool
+) -> Channels:
+    """The channels of sensors.
+
+    Args:
+        sensors: their names.
+        parts: of the robot.
+        fixed: whether it is bolted down: nothing it does ends in another rest.
+    """
+    rows, names = list[tuple[int, int, int, SensorKind]](), list[str]()
+    axes = {"tilt": ("left/right", "forward/back"), "gravity": "xyz", "position": "xyz"}
+    for name in sensors:
+        kind, part = parse_sensor(name, parts)
+        if (name == "clearance" or name.startswith("touch")) and fixed:
+            raise InputError(f"sensor {name!r} says nothing of a robot that is fixed")
+        if name.startswith("torque") and not fixed:
+            raise InputError(
+                f"sensor {name!r}: torques are known of robots that are fixed, for a "
+                "robot on the floor stands on forces that nothing tells apart"
+            )
+        rows += [(kind.code, part, k, kind) for k in range(kind.width)]
+        own = axes.get(name.partition(":")[0], ("",))
+        names += [f"{name} {axis}".strip() for axis in own]
+    kinds = [kind for *_, kind in rows]
+    numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
+    weight = np.array([kind.weight for kind in kinds])
+    codes, owners, axis = numbers.T.copy()
+    return Channels(
+        tuple(names), tuple(kind.unit for kind in kinds), codes, owners, axis, weight,
+        np.full(len(rows), np.inf) if fixed else CAP / weight * _get_cap_scale(kinds),
+        np.array([kind.noise for kind in kinds]),
+    )  # fmt: skip
+
+
+def _get_cap_scale(kinds: list[SensorKind]) -> Floats:
+    """(C) the cap of lengths is as many millimeters as that of angles degrees."""
+    return np.array([kind.weight if kind.unit == "mm" else 1.0 for kind in kinds])
