@@ -55,7 +55,7 @@ def list_robot_names() -> Iterable[str]:
     """Robots that `identify` can ask."""
     from importlib.metadata import entry_points
 
-    from selfheal.robot.base import GROUP
+    from selfheal.robot.open_robot import GROUP
 
     return sorted(entry_points(group=GROUP).names)
 

@@ -30,7 +30,7 @@ def identify(
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Name of the robot; see 'selfheal robots'.",
+            help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
             autocompletion=complete(list_robot_names),
         ),
     ] = None,
@@ -43,7 +43,9 @@ def identify(
     known_lengths: Annotated[bool, _KNOWN_LENGTHS] = False,
     random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
-    cycles: Annotated[int, typer.Option(help="Actions to try.")] = 16,
+    cycles: Annotated[
+        int | None, typer.Option(help="Actions to try; 16 by default.")
+    ] = None,
     budget: Annotated[
         int | None, typer.Option(help="Simulations for the search; 262000 by default.")
     ] = None,
@@ -231,7 +233,7 @@ def show(
 
 def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the robots that can be asked."""
-    from selfheal.robot.base import list_robots as listed
+    from selfheal.robot.open_robot import list_robots as listed
 
     found: dict[str, Any] = listed()
     if as_json:

@@ -5,7 +5,6 @@ is read, every array by an `ArraySchema`, every JSON text by a type. So what is 
 fits what it is used for.
 """
 
-import json
 import math
 import os
 from collections.abc import Iterator, Mapping
@@ -17,10 +16,10 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 
+from .documents import explain_misfit, load_json
 from .errors import RunFileError
 from .files import MAX_VALUES, count_values, open_run, walk_hdf5
 
-_MAX_SHOWN = 60  # characters of a misfit that a message repeats; chosen
 _LARGEST_NUMBER = 1e18  # also of an array; chosen: squares of its sums are finite
 ROUNDING = 1e-6  # by which a sum of probabilities may be above 1
 
@@ -51,7 +50,7 @@ class ArraySchema:
         low: smallest value.
         high: largest value.
         has_gaps: whether NaN and infinity may stand in it.
-        is_tree: whether column i is the parent of part i + 1: 0 to i.
+        is_tree: whether column i is the parent of part i + 1, 0 for the torso.
     """
 
     shape: tuple[int | str | None, ...] = ()
@@ -95,11 +94,15 @@ class ArraySchema:
             values = values.astype(float)
         if not self.has_gaps and not np.isfinite(values).all():
             return "not finite"
-        high = np.arange(values.shape[-1]) if self.is_tree else self.high
+        high = values.shape[-1] if self.is_tree else self.high
         low = 0 if self.is_tree else self.low
         wrong = (values < low) | (values > high)
         wrong |= np.isfinite(values) & (np.abs(values) > _LARGEST_NUMBER)
-        return f"{values[wrong][0]:g} somewhere" if wrong.any() else ""
+        if wrong.any():
+            return f"{values[wrong][0]:g} somewhere"
+        return (
+            "a part that hangs on itself" if self.is_tree and _has_ring(values) else ""
+        )
 
     def convert(self, values: np.ndarray) -> np.ndarray:
         """Fitting values (...) as this program computes with them, (...)."""
@@ -115,10 +118,18 @@ class ArraySchema:
         )
         said += "" if self.has_gaps else ", finite"
         if self.is_tree:
-            return f"{said}, the parent of part i from 0 to i - 1"
+            return f"{said}, the parent of each part, 0 for the torso"
         if math.isfinite(self.low) or math.isfinite(self.high):
             said += f", from {self.low:g} to {self.high:g}"
         return said
+
+
+def _has_ring(parent: np.ndarray) -> bool:
+    """Whether a part of some tree (..., P) never comes to the torso by its parents."""
+    at = whole = np.concatenate([np.zeros_like(parent[..., :1]), parent], axis=-1)
+    for _ in range(parent.shape[-1]):
+        at = np.take_along_axis(whole, at, axis=-1)
+    return bool(at.any())
 
 
 @dataclass(frozen=True)
@@ -325,71 +336,6 @@ def _make_adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
-def explain_misfit(
-    member: str, error: ValidationError, text: str | bytes
-) -> tuple[str, str, str]:
-    """Place, finding and what would fit, of the first thing that is wrong.
-
-    Where a value may be of several types, each has an error: those that lead furthest
-    into the document count.
-
-    Args:
-        member: that the document is of; "" leaves it out of the place.
-        error: of the document.
-        text: the document.
-    """
-    found = error.errors(include_url=False)
-    if found[0]["type"] == "json_invalid":
-        said = found[0]["msg"].removeprefix("Invalid JSON: ")
-        return member, f"no JSON ({said})", ""
-    document = json.loads(text, parse_int=str)  # a number may be of any length
-    every = [(_find_place(e, document), e) for e in found]
-    start = every[0][0]
-    place, first = max(
-        (pair for pair in every if pair[0].startswith(start)), key=lambda p: len(p[0])
-    )
-    said, where = first["msg"], (member + place).removeprefix(".")
-    if first["type"] == "missing":
-        return where, "missing", ""
-    if first["type"] == "unexpected_keyword_argument":
-        return where, "not known", ""
-    if first["type"] == "value_error":  # what a type of ours says of the value
-        return where, said.removeprefix("Value error, "), ""
-    fits = [e["msg"].removeprefix("Input should be ") for p, e in every if p == place]
-    return where, shorten_value(first["input"]), " or ".join(dict.fromkeys(fits))
-
-
-def _find_place(error: Mapping[str, Any], document: Any) -> str:
-    """Where in a document an error is; names of types that were tried are left out."""
-    place, value, steps = "", document, error["loc"]
-    for number, step in enumerate(steps, 1):
-        is_missing = error["type"] == "missing" and number == len(steps)
-        if isinstance(value, list) and isinstance(step, int) and step < len(value):
-            place, value = f"{place}[{step}]", value[step]
-        elif isinstance(value, dict) and (step in value or is_missing):
-            place, value = f"{place}.{step}", value.get(step)
-    return place
-
-
-def shorten_value(value: Any) -> str:
-    """A value as a message repeats it."""
-    said = repr(value)
-    return said if len(said) <= _MAX_SHOWN else f"{said[:_MAX_SHOWN]}..."
-
-
 def _describe_header(found: Any) -> str:
     """Type and shape of a dataset or an attribute, in words."""
     return f"of type {found.dtype} and shape {found.shape}"
-
-
-def load_json(text: str | bytes) -> Any:
-    """What a JSON text says; NaN and infinity are no JSON.
-
-    Raises:
-        ValueError: it is no JSON.
-    """
-
-    def refuse(word: str) -> None:
-        raise ValueError(f"{word} is no number of JSON")
-
-    return json.loads(text, parse_constant=refuse)

@@ -12,7 +12,7 @@ import selfheal
 from selfheal.cli import app
 from selfheal.errors import InputError, RunLockError, UnknownNameError
 from selfheal.files import lock_file
-from selfheal.robot.base import open_robot
+from selfheal.robot.open_robot import open_robot
 from selfheal.selfmodel.read_run import load_run
 from tests.support import short_heal, short_recover
 

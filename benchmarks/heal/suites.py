@@ -37,7 +37,8 @@ from selfheal.recovery.read_channels import (
 from selfheal.recovery.record import HealRun, HealSettings, read_gait
 from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw_damage
 from selfheal.robot.actions import load_published_body
-from selfheal.robot.base import open_robot, require_walker
+from selfheal.robot.base import require_walker
+from selfheal.robot.open_robot import open_robot
 from selfheal.robot.replay import replay
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
@@ -69,13 +70,14 @@ def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
 
 @cache
 def _read_tables() -> ActionTables:
+    body = load_published_body()
     robots: list[Any] = [
         replay(
-            "starfish-2006", read(INTACT.with_name(f"{name}.h5")), load_published_body()
+            "starfish-2006", read(INTACT.with_name(f"{name}.h5")), body.anatomy, body
         )
         for name in ("intact", "damaged")
     ]
-    return predict_actions(robots[0], robots[1], load_published_body())
+    return predict_actions(robots[0], robots[1], body)
 
 
 def list_gait_runs(count: int) -> KeyedRuns:

@@ -30,7 +30,7 @@ from benchmarks.writer import (
     publish_results,
     tell_progress,
 )
-from selfheal.robot.base import open_robot
+from selfheal.robot.open_robot import open_robot
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
 

@@ -16,8 +16,8 @@ from selfheal.engine import make_engine
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import list_actions_2006, load_published_body
-from selfheal.robot.base import open_robot
-from selfheal.selfmodel.loop import read_rest_channels
+from selfheal.robot.open_robot import open_robot
+from selfheal.robot.rest_readings import read_rest_channels
 from selfheal.study.statistics import format_share
 
 SAME = 2.0  # [deg] poses this near, in the worse tilt, are the same (issue's figure)

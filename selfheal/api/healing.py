@@ -105,7 +105,8 @@ def load_identified(
         InputError: the run is not finished, or the robot cannot walk.
         RunFileError: the run cannot be read.
     """
-    from ..robot.base import open_robot, require_walker
+    from ..robot.base import require_walker
+    from ..robot.open_robot import open_robot
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run
 

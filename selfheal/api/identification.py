@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from ..robot.base import Robot
     from ..selfmodel.run import Run, Settings
 
+CYCLES = 16  # papers.md 1.4
 _RUN, _MODEL = "run.h5", "best.xml"
 
 
@@ -28,7 +29,7 @@ class IdentifyOptions(TypedDict, total=False):
         known_lengths: in the space "full", take the parts' lengths as known.
         random_actions: draw actions at random, for comparison.
         engine: "auto", "statics", "mjx" or "mujoco".
-        cycles: number of actions to try, 16 by default.
+        cycles: number of actions to try; None takes 16, or all where there are fewer.
         budget: number of simulations of the search; None takes the method's own.
         seed: of everything random, 0 by default.
     """
@@ -39,7 +40,7 @@ class IdentifyOptions(TypedDict, total=False):
     known_lengths: bool
     random_actions: bool
     engine: str
-    cycles: int
+    cycles: int | None
     budget: int | None
     seed: int
 
@@ -76,6 +77,7 @@ def identify(
         RunFileError: the run cannot be read, or another process works on it.
     """
     from ..files import lock_file
+    from ..robot.open_robot import is_described
     from ..selfmodel.loop import check_settings
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
@@ -88,8 +90,12 @@ def identify(
         raise InputError("give either a robot or a run to resume")
     settings = _make_settings(robot, **options)
     robot = _open_robot(robot, settings)
+    if options.get("cycles") is None:
+        settings = replace(settings, cycles=min(CYCLES, len(robot.actions)))
     check_settings(settings, robot)
-    name = f"{settings.robot.replace(':', '-')}-{settings.seed}"
+    kind = settings.robot.replace(":", "-")
+    kind = robot.anatomy.name if is_described(settings.robot) else kind
+    name = f"{kind}-{settings.seed}"
     begun = begin_run_file(out, _RUN, name=name, force=force, others=(_MODEL, REPORT))
     with begun as path:
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
@@ -102,13 +108,17 @@ def _make_settings(
     robot: "str | Robot", **options: Unpack[IdentifyOptions]
 ) -> "Settings":
     """The settings of a new run; the budget is the method's own unless given."""
+    from ..robot.open_robot import is_described
     from ..selfmodel.run import Settings
     from ..selfmodel.strategy import BUDGETS
 
     recordings, budget = options.pop("recordings", None), options.pop("budget", None)
+    cycles = options.pop("cycles", None)
     method, rest = options.get("method", "default"), cast(dict[str, Any], options)
+    name = robot if isinstance(robot, str) else robot.name
     return Settings(
-        robot=robot if isinstance(robot, str) else robot.name,
+        robot=os.path.realpath(name) if is_described(name) else name,
+        cycles=CYCLES if cycles is None else cycles,
         recordings=os.fspath(Path(recordings).resolve()) if recordings else "",
         budget=BUDGETS.get(method, 1) if budget is None else budget,
         **rest,
@@ -117,7 +127,7 @@ def _make_settings(
 
 def _open_robot(robot: "str | Robot | None", settings: "Settings") -> "Robot":
     """The robot that was given, or the one that settings name."""
-    from ..robot.base import open_robot
+    from ..robot.open_robot import open_robot
 
     if robot is not None and not isinstance(robot, str):
         return robot

@@ -39,6 +39,7 @@ class Anatomy:
         hinges: (P) known kinds of hinges, as `genome.HINGE_NAMES`; empty: all lift.
         bends: (P) by how much parts leave their parents downward [rad]; empty: by 0.
         fixed: whether the torso is bolted to the world.
+        ordered: whether a part hangs on the torso or on one listed before it.
         sensors: of the robot at rest, as `engine.channels` names them.
     """
 
@@ -58,6 +59,7 @@ class Anatomy:
     hinges: tuple[int, ...] = ()
     bends: tuple[float, ...] = ()
     fixed: bool = False
+    ordered: bool = True
     sensors: tuple[str, ...] = ("tilt", "clearance")
 
     @property
@@ -72,7 +74,8 @@ class Bodies:
 
     Attributes:
         anatomy: the parts.
-        parent: (N, P) parent of part 1..P; 0 is the torso, k < i is part k.
+        parent: (N, P) parent of part 1..P; 0 is the torso, else a part: one before it
+            where the anatomy is ordered.
         anchor: (N, P, 3) the joint in the parent's frame [m].
         heading: (N, P) turn about z from the parent's frame to the part's [rad].
         axis: (N, P, 3) unit hinge axis in the part's frame.
@@ -155,13 +158,32 @@ def compute_rest_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     row, mount = np.arange(n), compute_mounts(bodies)
     origin, frame = np.zeros((n, p + 1, 3)), np.zeros((n, p + 1, 3, 3))
     frame[:, 0] = np.eye(3)
-    for i in range(p):
+    # parts behind their children are right once as many passes went as they are deep
+    passes = 1 if (bodies.parent <= np.arange(p)).all() else p
+    for i in [*range(p)] * passes:
         parent = bodies.parent[:, i]
         up = frame[row, parent]
         offset = np.einsum("nij,nj->ni", up, bodies.anchor[:, i])
         origin[:, i + 1] = origin[row, parent] + offset
         frame[:, i + 1] = up @ mount[:, i]
     return origin, frame
+
+
+def list_depth_first(parent: Ints) -> list[int]:
+    """Parts 1..P of one tree (P), parents before their children."""
+    found = [0]
+    for part in found:
+        found += [int(k) + 1 for k in np.flatnonzero(parent == part)]
+    return found[1:]
+
+
+def is_tree(parent: Ints) -> np.ndarray:
+    """(N) whether each part of N graphs (N, P) hangs on the torso in the end."""
+    at = np.broadcast_to(np.arange(1, parent.shape[1] + 1), parent.shape)
+    whole = np.hstack([np.zeros((len(parent), 1), np.int64), parent])
+    for _ in range(parent.shape[1]):
+        at = np.take_along_axis(whole, at, axis=1)
+    return (at == 0).all(axis=1)
 
 
 def compute_part_points(bodies: Bodies, along: float) -> Floats:

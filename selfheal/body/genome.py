@@ -28,7 +28,7 @@ class Genomes:
     """A batch of N genomes for P parts.
 
     Attributes:
-        parent: (N, P) 0..i-1 for part i.
+        parent: (N, P) 0..i-1 for part i, or any part where the anatomy is not ordered.
         placement: (N, P) in [0, 1), clockwise round the parent's perimeter from its
             back left corner: quarters left, front, right, back (paper A).
         hinge: (N, P) 0..5, index into HINGE_NAMES. UP means paper A's hinge.
@@ -116,6 +116,23 @@ def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     )
 
 
+def relabel_trees(genomes: Genomes, order: Ints) -> Genomes:
+    """Trees in which part i became part order[i]; hinges and lengths stay the parts'.
+
+    Args:
+        genomes: N trees.
+        order: (N, P) permutations of 0..P-1.
+    """
+    label = np.hstack([np.zeros((len(order), 1), np.int64), order + 1])
+    back = np.argsort(order, axis=1)
+    parent = np.take_along_axis(label, genomes.parent, axis=1)
+    return replace(
+        genomes,
+        parent=np.take_along_axis(parent, back, axis=1),
+        placement=np.take_along_axis(genomes.placement, back, axis=1),
+    )
+
+
 def center_on_sides(genomes: Genomes) -> Genomes:
     """Move every attachment of the trees to the middle of its side."""
     return replace(genomes, placement=(genomes.side + 0.5) / 4)
@@ -139,8 +156,8 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
 
     so that the middle of a side means straight out of it. A hinge of kind `up` is
     paper A's: horizontal, normal to the line from the parent's center to the part's,
-    positive lifts the outer end; of a part with a bend its own y axis. Mass is in
-    proportion to length.
+    positive lifts the outer end. Of a part with a bend it is along the part's y axis.
+    Mass is in proportion to length.
     """
     n, p = genomes.parent.shape
     radius = np.hstack([np.zeros((n, 1)), np.broadcast_to(anatomy.radius, (n, p))])
@@ -181,6 +198,8 @@ def draw_genomes(
 ) -> Genomes:
     """Draw random attachment trees; gene i is uniform, so the parent is among 0..i-1.
 
+    Where the anatomy is not ordered, parts then trade places at random.
+
     Args:
         anatomy: the robot's parts.
         count: number of trees.
@@ -188,4 +207,8 @@ def draw_genomes(
         sides: move every attachment to the middle of its side.
     """
     genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))
+    if not anatomy.ordered:
+        every = np.arange(anatomy.size)
+        order = rng.permuted(np.tile(every, (count, 1)), axis=1)
+        genomes = relabel_trees(genomes, order)
     return center_on_sides(genomes) if sides else genomes

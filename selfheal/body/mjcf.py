@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
 from ..recording import read_spec
-from .body import GRAVITY, Anatomy, Bodies, Floats
+from .body import GRAVITY, Anatomy, Bodies, Floats, list_depth_first
 from .changes import compute_direction, tilt_gravity
 from .genome import HINGE_AXES, UP
 
@@ -176,9 +176,10 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
         conaffinity=0 if bodies.anatomy.fixed else 1,
     )
     spec.worldbody.add_site(name="level")
-    hung = [_add_torso(spec, bodies.anatomy, physics)]
-    for i in range(bodies.anatomy.size):
-        hung.append(_add_part(hung[bodies.parent[row, i]], bodies, row, i, physics))
+    hung = {0: _add_torso(spec, bodies.anatomy, physics)}
+    for part in list_depth_first(bodies.parent[row]):
+        on = hung[int(bodies.parent[row, part - 1])]
+        hung[part] = _add_part(on, bodies, row, part - 1, physics)
     _add_servos_and_sensors(spec, bodies.anatomy, physics)
     return spec
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..body.body import GRAVITY
 from ._hull import JIT
-from .readings import MAX_CLEARANCE, TOUCH_HEIGHT
+from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
 @numba.njit(inline="always", **JIT)
@@ -29,20 +29,24 @@ def _write_rotation(axis, angle, out):
 
 
 @numba.njit(**JIT)
-def pose_body(body, known, q, points, com, frames, spots):
-    """Points of contact and center of mass for joint angles q, torso frame."""
-    parent, anchor, mount, axis, length, thickness, mass = body
-    torso_half, torso_mass, block_half, block_center, block_mass = known
+def _place_parts(body, q, frames, spots):
+    """Fill in rotations and origins of torso and parts, in the torso's frame."""
+    parent, anchor, mount, axis = body[0], body[1], body[2], body[3]
     p = parent.shape[0]
     for i in range(3):
-        com[i] = 0.0
         spots[0, i] = 0.0
         for j in range(3):
             frames[0, i, j] = 1.0 if i == j else 0.0
-    total = torso_mass
-    k = 8  # the torso's corners never move in its own frame
-    turn = np.empty((3, 3))
-    for i in range(p):
+    turn, left, known_frame = np.empty((3, 3)), p, np.zeros(p + 1, np.bool_)
+    known_frame[0] = True
+    for again in range(p * p):  # one round where parents come before their children
+        i = again % p
+        if left == 0:
+            break
+        if known_frame[i + 1] or not known_frame[parent[i]]:
+            continue
+        known_frame[i + 1] = True
+        left -= 1
         up = frames[parent[i]]
         at = mount[i]
         _write_rotation(axis[i], q[i], turn)
@@ -59,6 +63,34 @@ def pose_body(body, known, q, points, com, frames, spots):
                 + up[r, 1] * anchor[i, 1]
                 + up[r, 2] * anchor[i, 2]
             )
+
+
+@numba.njit(**JIT)
+def pose_body(body, known, q, points, com, frames, spots):
+    """Fill in points of contact and center of mass of a body, in the torso's frame.
+
+    Args:
+        body: fields of one body, see `_settle.settle_batch`.
+        known: torso_half, torso_mass, block_half, block_center, block_mass.
+        q: (P) joint angles [rad].
+        points: (8 + 10 P, 3) to fill, the torso's corners first [m].
+        com: (3) to fill: center of mass [m].
+        frames: (P + 1, 3, 3) to fill: rotations of torso and parts.
+        spots: (P + 1, 3) to fill: their origins [m].
+
+    Returns:
+        How many points there are.
+    """
+    parent, anchor, mount, axis, length, thickness, mass = body
+    torso_half, torso_mass, block_half, block_center, block_mass = known
+    _place_parts(body, q, frames, spots)
+    p = parent.shape[0]
+    for i in range(3):
+        com[i] = 0.0
+    total = torso_mass
+    k = 8  # the torso's corners never move in its own frame
+    for i in range(p):
+        own = frames[i + 1]
         block = block_mass[i] * thickness[i]
         weight = mass[i] + block
         lever = 0.5 * length[i] * mass[i] + block * block_center[i] * thickness[i]
@@ -88,12 +120,12 @@ def _measure_torque(body, known, part, frames, spots):
     """Torque that gravity has a joint of a bolted robot hold [N m]."""
     parent, anchor, mount, axis, length, thickness, mass = body
     block_center, block_mass = known[3], known[4]
-    hangs = np.zeros(parent.shape[0] + 1, np.bool_)
-    hangs[part] = True
     tx, ty = 0.0, 0.0
-    for i in range(part - 1, parent.shape[0]):
-        hangs[i + 1] = hangs[i + 1] or hangs[parent[i]]
-        if hangs[i + 1]:
+    for i in range(parent.shape[0]):
+        at = i + 1
+        while at not in (0, part):
+            at = parent[at - 1]
+        if at == part:
             block = block_mass[i] * thickness[i]
             weight = mass[i] + block
             lever = 0.5 * length[i] * mass[i] + block * block_center[i] * thickness[i]

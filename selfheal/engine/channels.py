@@ -13,6 +13,9 @@ from ..body.body import Anatomy, Floats, Ints
 from ..errors import InputError, UnknownNameError
 from ..printable import quote_name
 
+MAX_CLEARANCE = 0.5  # [m] range of the belly sensor; chosen, no pose reaches it upright
+TOUCH_HEIGHT = 0.002  # [m] a foot this close to the floor touches it; chosen
+
 
 @dataclass(frozen=True)
 class SensorKind:

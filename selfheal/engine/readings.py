@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from ..body.body import Bodies, Floats, compute_mounts
-from .channels import list_channels
+from .channels import MAX_CLEARANCE, TOUCH_HEIGHT, list_channels
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,3 @@ def pack_inputs(bodies: Bodies, rows: slice) -> tuple:
         (a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass),
         a.radius,
     )  # fmt: skip
-
-
-MAX_CLEARANCE = 0.5  # [m] range of the belly sensor; chosen, no pose reaches it upright
-TOUCH_HEIGHT = 0.002  # [m] a foot this close to the floor touches it; chosen

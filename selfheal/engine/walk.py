@@ -13,8 +13,8 @@ from ..body.body import Anatomy, Floats
 from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
 from ..machine import count_cores
+from .channels import TOUCH_HEIGHT
 from .plant import Plant, compute_set_points
-from .readings import TOUCH_HEIGHT
 
 PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
 SAMPLE = 0.05  # [s] between readings; chosen
@@ -227,7 +227,7 @@ def compute_channels(walks: Walks, plants: Sequence[Plant]) -> Floats:
 
 def compute_clearance(walks: Walks, belly: float) -> Floats:
     """(N, S) belly to floor along the torso's z [m], at most `MAX_CLEARANCE`."""
-    from .readings import MAX_CLEARANCE
+    from .channels import MAX_CLEARANCE
 
     level = np.array([0.0, 0, 1])
     z = rotate_into_frame(walks.orientation, np.broadcast_to(level, walks.up.shape))[

@@ -1,22 +1,17 @@
 """The map of a log: a TOML file in; which columns are which signals out."""
 
-import json
 import os
-import tomllib
 from dataclasses import field
-from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from ..documents import check_document, read_toml
 from ..errors import InputError
-from ..files import check_file
-from ..schema import explain_misfit
 
 VERSION = 1
 COMMAND = "command"  # the kind of columns that become `ctrl`
-_MAX_SIZE = 1_000_000  # bytes of a map; chosen: ten thousand lines
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
@@ -135,15 +130,7 @@ def read_map(path: str | os.PathLike[str]) -> LogMap:
     Raises:
         InputError: it is missing, no TOML, or states something that is not known.
     """
-    check_file(path)
-    name = os.fspath(path)
-    if (size := os.path.getsize(path)) > _MAX_SIZE:
-        raise InputError(f"{name}: a map of {size} bytes; at most {_MAX_SIZE} are read")
-    try:
-        document = tomllib.loads(Path(path).read_bytes().decode())
-    except (ValueError, RecursionError) as error:  # of decoding, too
-        raise InputError(f"{name}: no TOML: {error}") from error
-    return parse_map(document, name)
+    return _check_map(read_toml(path, LogMap), os.fspath(path))
 
 
 def parse_map(document: Any, name: str) -> LogMap:
@@ -156,14 +143,11 @@ def parse_map(document: Any, name: str) -> LogMap:
     Raises:
         InputError: it states something that is not known.
     """
-    try:
-        # as JSON: a strict dataclass takes a document from no other form
-        text = json.dumps(document, default=str)
-        found = TypeAdapter(LogMap).validate_json(text)
-    except ValidationError as error:
-        place, wrong, fits = explain_misfit("", error, text)
-        end = fits and f"; would fit: {fits}"
-        raise InputError(f"{name}: {place or 'it'} is {wrong}{end}") from error
+    return _check_map(check_document(document, LogMap, name), name)
+
+
+def _check_map(found: LogMap, name: str) -> LogMap:
+    """A map, if it is of this version and has signals."""
     if found.version != VERSION:
         raise InputError(
             f"{name}: a map of version {found.version}; this program reads {VERSION}"

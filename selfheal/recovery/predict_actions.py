@@ -14,7 +14,7 @@ from ..body.damage import INTACT, Damage
 from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.statics import Statics
 from ..robot.base import Robot
-from ..selfmodel.loop import read_rest_channels
+from ..robot.rest_readings import read_rest_channels
 from .belief import (
     CandidateAction,
     ResidualNoise,

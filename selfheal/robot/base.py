@@ -1,16 +1,12 @@
-"""What a robot is to this program, and the list of robots: a name in, a Robot out."""
+"""What a robot is to this program."""
 
-from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..body.damage import Damage
-from ..errors import InputError, UnknownNameError, check_seed
+from ..errors import InputError
 from ..recording import Recording
-
-GROUP = "selfheal.robots"
 
 
 class Robot(Protocol):
@@ -78,37 +74,6 @@ def require_walker(robot: Robot) -> Walker:
             f"robot {robot.name!r} cannot walk: it answers from a recording"
         )
     return cast(Walker, robot)
-
-
-Factory = Callable[[str, int, Path | None], Robot]
-
-
-def list_robots() -> dict[str, str]:
-    """Name -> first line of what its factory says, of every robot installed."""
-    found = {e.name: e.load().__doc__ or "" for e in entry_points(group=GROUP)}
-    return {name: found[name].split("\n")[0].rstrip(".") for name in sorted(found)}
-
-
-def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> Robot:
-    """The robot of a name.
-
-    Args:
-        name: of an entry point of group `selfheal.robots`, perhaps with an argument
-            for its factory after a colon, as in "tree:7".
-        seed: of the robot's own chances (noise, hidden physics).
-        recordings: a recording file, for robots that answer from one.
-
-    Raises:
-        UnknownNameError: no such robot.
-        InputError: the robot cannot be made from these.
-    """
-    kind, _, argument = name.partition(":")
-    found = {e.name: e for e in entry_points(group=GROUP)}
-    if kind not in found:
-        raise UnknownNameError("robot", name, found)
-    check_seed(seed)
-    factory: Factory = found[kind].load()
-    return factory(argument, seed, recordings)
 
 
 def refuse_arguments(name: str, argument: str, recordings: Path | None) -> None:

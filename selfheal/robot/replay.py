@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
-from ..errors import InputError, RecordingError
-from ..printable import join_names
+from ..errors import InputError
 from ..recording import Episode, Recording, find_single_columns, read
 from .actions import load_published_body
+from .rest_readings import read_rest_channels
 
 
 @dataclass(frozen=True)
@@ -38,50 +38,35 @@ class ReplayRobot:
         return replace(self.recording, episodes={name: self.recording.episodes[name]})
 
 
-def replay(name: str, recording: Recording, truth: Bodies) -> ReplayRobot:
+def replay(
+    name: str, recording: Recording, anatomy: Anatomy, truth: Bodies | None
+) -> ReplayRobot:
     """A robot that offers the actions of a recording, each once.
 
     Args:
         name: of the robot.
         recording: an episode an action; the last row of its ctrl is the target.
-        truth: gives the anatomy.
+        anatomy: of the robot.
+        truth: its body, None if nobody knows it.
 
     Raises:
-        RecordingError: an episode lacks a servo of the anatomy or the reading of
-            `vertical` at its last sample.
+        RecordingError: an episode lacks a servo of the anatomy or a reading of its
+            sensors at its last sample.
     """
-    servos = [f"{joint}_servo" for joint in truth.anatomy.joints]
+    servos = [f"{joint}_servo" for joint in anatomy.joints]
     actions: dict[bytes, tuple[Floats, str]] = {}
     for key, episode in recording.episodes.items():
         where = f"{recording.file}, episode {key!r}"
-        _check_vertical(episode, where)
+        read_rest_channels(replace(recording, episodes={key: episode}), anatomy)
         target = _read_target(episode, servos, where)
         actions.setdefault(np.round(target, 6).tobytes(), (target, key))
     targets, episodes = zip(*actions.values(), strict=True)
-    return ReplayRobot(
-        name, truth.anatomy, np.array(targets), truth, recording, episodes
-    )
+    return ReplayRobot(name, anatomy, np.array(targets), truth, recording, episodes)
 
 
 def _read_target(episode: Episode, servos: list[str], where: str) -> Floats:
     """(P) [rad] where an episode sends the servos."""
     return episode.ctrl[-1, find_single_columns(episode.ctrl_names, servos, where)]
-
-
-def _check_vertical(episode: Episode, where: str) -> None:
-    """Refuse an episode that does not say how the robot was tilted at its end."""
-    vertical = episode.signals.get("vertical")
-    if vertical is None:
-        raise RecordingError(
-            f"{where}: no signal 'vertical' (the two tilts); it has: "
-            f"{join_names(sorted(episode.signals)) or 'none'}"
-        )
-    values = vertical.values
-    if values.shape[1:] != (3,) or np.isnan(values[-1]).any():
-        raise RecordingError(
-            f"{where}: 'vertical' has no reading of x, y, z at the last sample, where "
-            "the robot is at rest"
-        )
 
 
 def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRobot:
@@ -101,4 +86,5 @@ def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRo
             "robot 'starfish-2006' answers from its readings; give their file, "
             "as in --recordings intact.h5"
         )
-    return replay("starfish-2006", read(recordings), load_published_body())
+    truth = load_published_body()
+    return replay("starfish-2006", read(recordings), truth.anatomy, truth)

@@ -8,11 +8,13 @@ import numpy as np
 from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
 from ..body.damage import Damage
 from ..body.genome import build_bodies, draw_genomes
+from ..engine.channels import list_channels, parse_sensor
 from ..engine.readings import Readings
 from ..errors import InputError
-from ..recording import Episode, Recording, Signal
+from ..recording import Recording
 from .actions import list_actions_2006, load_published_body
 from .base import refuse_arguments
+from .rest_readings import make_rest_episode, revert_channels
 
 # Size of errors seen in the 2006 data (papers.md 1.1): servos miss by 1.2 degrees on
 # average, half of it (chosen) the same in every action; tilts are read to 0.1 to 0.5
@@ -58,13 +60,25 @@ class SimulatedRobot:
 
         rng = np.random.default_rng([self.seed, 1, action])
         target, rest = self.actions[action], self._simulate_rest(action, rng)
+        known, read = list_channels(self.anatomy), dict[str, Floats]()
         tilt = rest.tilt[0] + rng.normal(0, _TILT_NOISE, 2)
         tilt = np.round(tilt / _TILT_STEP) * _TILT_STEP
         clearance = rest.clearance[0] + rng.normal(0, _CLEARANCE_NOISE)
         clearance = max(np.round(clearance / _CLEARANCE_STEP) * _CLEARANCE_STEP, 0)
-        episode = self._make_episode(
-            np.array([0.0, RAMP, RAMP + HOLD]), target, tilt, clearance, rest.angles[0]
-        )
+        place = 0
+        for sensor in self.anatomy.sensors:
+            width = parse_sensor(sensor, self.anatomy.parts)[0].width
+            rows = slice(place, place + width)
+            place += width
+            if sensor == "tilt":
+                own = np.degrees(tilt)
+            elif sensor == "clearance":
+                own = np.array([1000 * clearance])
+            else:
+                own = rest.channels[0, rows] + rng.normal(0, known.noise[rows])
+            read[sensor] = revert_channels(sensor, own)
+        time = np.array([0.0, RAMP, RAMP + HOLD])
+        episode = make_rest_episode(self.anatomy, time, target, read, rest.angles[0])
         return Recording({f"action_{action:03d}": episode}, self.name, "simulated")
 
     def read_touch(self, action: int) -> Floats:
@@ -122,41 +136,6 @@ class SimulatedRobot:
         mass = self.truth.mass * rng.normal(1, 0.05, self.truth.mass.shape)
         body = replace(self.truth, mass=mass)
         return physics, body, rng.normal(0, _SERVO_OFFSET, self.anatomy.size)
-
-    def _make_episode(
-        self,
-        time: Floats,
-        target: Floats,
-        tilt: Floats,
-        clearance: float,
-        angles: Floats,
-    ) -> Episode:
-        """The recording's one episode: readings at rest at the last sample."""
-        from ..body.mjcf import BELLY_SENSOR
-
-        x, y = np.sin(tilt[1]), -np.sin(tilt[0])
-        vertical = np.array([x, y, np.sqrt(max(0.0, 1 - x * x - y * y))])
-        joints = self.anatomy.joints
-        signals = {
-            "vertical": _make_rest_signal(vertical, "vertical", "sensor", "1"),
-            "clearance": _make_rest_signal(
-                np.asarray(clearance + BELLY_SENSOR), "clearance", "sensor", "m"
-            ),
-        }
-        for joint, angle in zip(joints, angles, strict=True):
-            name = f"{joint}_position"
-            signals[name] = _make_rest_signal(
-                np.asarray(angle), joint, "joint_position", "rad"
-            )
-        ctrl = np.array([0 * target, target, target])
-        return Episode(time, ctrl, tuple(f"{j}_servo" for j in joints), signals)
-
-
-def _make_rest_signal(value: Floats, target: str, kind: str, unit: str) -> Signal:
-    """A signal of three samples of which only the last was read."""
-    values = np.full((3, *value.shape), np.nan)
-    values[-1] = value
-    return Signal(values, kind, target, unit)
 
 
 def starfish(argument: str, seed: int, recordings: Path | None) -> SimulatedRobot:

@@ -7,8 +7,8 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from ..body.damage import Damage
 from ..body.mjcf import BELLY_SENSOR, Physics
+from ..engine.channels import TOUCH_HEIGHT
 from ..engine.plant import Plant, apply_damages, build_rated_plant
-from ..engine.readings import TOUCH_HEIGHT
 from ..engine.walk import PERIOD, SAMPLE, Walks, compute_clearance, simulate_walks
 from ..recording import Episode, Recording, Signal
 

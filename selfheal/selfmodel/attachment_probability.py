@@ -9,7 +9,7 @@ _MISSED_PROBABILITY, _RIGHT_BY_CHANCE = 0.25, 0.8
 
 
 def compute_attachment_probability(
-    parent: Ints, belief: Floats, best: Ints, *, survived: int
+    parent: Ints, belief: Floats, best: Ints, *, survived: int, ordered: bool = True
 ) -> Floats:
     """(P) probability that each part hangs on the parent it has in the best body.
 
@@ -19,9 +19,11 @@ def compute_attachment_probability(
         best: (P) the tree believed in.
         survived: actions that this tree has stood as the best. The chance that the
             right body was not found is taken as 0.25 / (survived + 1).
+        ordered: whether parts hang on those before them.
     """
     seen = belief @ (parent == best)
     missed = _MISSED_PROBABILITY / (survived + 1)
     sure = seen * (1 - missed * (1 - _RIGHT_BY_CHANCE))
-    sure[0] = 1.0  # part 1 has nothing but the torso to hang on
+    if ordered:
+        sure[0] = 1.0  # part 1 has nothing but the torso to hang on
     return sure

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats, Ints
+from ..body.body import Floats, Ints
 from ..body.genome import Genomes, build_bodies
 from ..engine import ENGINES, make_engine
-from ..engine.channels import list_channels, parse_sensor
-from ..errors import InputError, RecordingError, UnknownNameError, check_seed
-from ..recording import Recording
+from ..engine.channels import list_channels
+from ..errors import InputError, UnknownNameError, check_seed
 from ..robot.base import Robot
+from ..robot.rest_readings import read_rest_channels
 from .attachment_probability import compute_attachment_probability
 from .evaluate import Evaluator, Evidence
 from .explore import measure_disagreement
@@ -23,11 +23,6 @@ from .run import Cycle, Run, Settings, uses_second_engine
 from .space import find_space, keep_others, make_genome_key
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
-BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
-# by kind of sensor: the signal that reads it, of which part or joint, and the columns
-_SIGNALS = {"tilt": "vertical", "clearance": "clearance", "touch": "{part}_touch",
-            "gravity": "{part}_vertical", "position": "{part}_tip",
-            "torque": "{joint}_torque"}  # fmt: skip
 _MOST_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
 _MOST_RECORDED = 16  # rivals kept in a cycle's record; chosen
 # Chosen on simulated robots: until reading n of N the search spends a share of its
@@ -36,58 +31,6 @@ _MOST_RECORDED = 16  # rivals kept in a cycle's record; chosen
 _LATE_POWER, _HINGE_LATE_POWER = 2, 5
 
 Progress = Callable[[int], None]
-
-
-def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
-    """The signal of a recording that reads a sensor.
-
-    Args:
-        sensor: its name, see `engine.channels`.
-        anatomy: of the robot.
-    """
-    kind, _, part = sensor.partition(":")
-    joint = anatomy.joints[anatomy.parts.index(part)] if part else ""
-    return _SIGNALS[kind].format(part=part, joint=joint)
-
-
-def read_rest_channels(recording: Recording, anatomy: Anatomy) -> Floats:
-    """(C) channels of a recording of one action; NaN where a sensor gave nothing.
-
-    A vertical is the world's in the frame of torso or part (3) [1], a tip is in the
-    torso's frame (3) [m], torques are of joints [N m].
-
-    Raises:
-        RecordingError: it lacks a signal, but for that of clearance, or its last
-            sample.
-    """
-    (name, episode), *_ = recording.episodes.items()
-    found = []
-    for sensor in anatomy.sensors:
-        signal = name_signal_of(sensor, anatomy)
-        width = 3 if parse_sensor(sensor, anatomy.parts)[0].width > 1 else 1
-        read = episode.signals.get(signal)
-        last = np.full(1, np.nan) if read is None else np.atleast_1d(read.values[-1])
-        if last.shape != (width,) or (np.isnan(last).any() and sensor != "clearance"):
-            columns = " (x, y, z)" if width > 1 else ""
-            raise RecordingError(
-                f"{recording.file}, episode {name!r}: no reading of {signal!r}{columns}"
-                f" at the last sample; identify needs {sensor} at rest"
-            )
-        found.append(_convert_reading(sensor, last))
-    return np.concatenate(found)
-
-
-def _convert_reading(sensor: str, read: Floats) -> Floats:
-    """The channels of a sensor from what its signal says."""
-    kind = sensor.partition(":")[0]
-    if kind == "tilt":
-        x, y, _ = np.clip(read, -1, 1)
-        return np.array([-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x))])
-    if kind == "gravity":
-        return np.degrees(read / max(float(np.linalg.norm(read)), 1e-9))
-    if kind == "clearance":
-        return 1000 * (read - BELLY_SENSOR)
-    return 1000 * read if kind == "position" else read
 
 
 def check_settings(settings: Settings, robot: Robot) -> None:
@@ -101,10 +44,13 @@ def check_settings(settings: Settings, robot: Robot) -> None:
     if settings.engine not in ENGINES:
         raise UnknownNameError("engine", settings.engine, ENGINES)
     find_space(settings.space)
-    if settings.engine == "mjx" and (robot.anatomy.fixed or any(robot.anatomy.bends)):
+    known = robot.anatomy
+    if settings.engine == "mjx" and (
+        known.fixed or any(known.bends) or not known.ordered
+    ):
         raise InputError(
-            f"engine 'mjx' knows no robot that is bolted down or has bent parts, as "
-            f"{robot.name!r}; would fit: statics or mujoco"
+            "engine 'mjx' knows no robot that is bolted down, has bent parts or parts "
+            f"in any order, as {robot.name!r}; would fit: statics or mujoco"
         )
     if settings.method != "default" and robot.anatomy.sensors != ("tilt", "clearance"):
         raise InputError(
@@ -281,6 +227,7 @@ class _IdentifyLoop:
                 *self.strategy.list_candidates(),
                 genomes.parent[0],
                 survived=_count_survived(run, genomes),
+                ordered=run.anatomy.ordered,
             ),
             tilt_error=float((gap * shown[shown > 0]).sum(axis=1).mean()),
             disagreement=measure_disagreement(
@@ -405,8 +352,9 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     gap = np.abs(seen[tried] - loop.evidence.measured)[:, shown > 0]
     gap = (gap * shown[shown > 0]).sum(axis=1)
     gap = gap[np.isfinite(gap)]
+    space = find_space(settings.space, ordered=robot.anatomy.ordered)
     alike = keep_others(
-        loop.strategy.list_indistinguishable(last.tables[0]), last.genomes[:1]
+        space, loop.strategy.list_indistinguishable(last.tables[0]), last.genomes[:1]
     )
     result = {
         "format": "selfheal-identify",

@@ -56,6 +56,7 @@ _ANATOMY = {
     "hinges": tuple[HingeKind, ...],
     "bends": tuple[Number, ...],
     "fixed": bool,
+    "ordered": bool,
     "sensors": tuple[str, ...],
 }
 _BODY = {

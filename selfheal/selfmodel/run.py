@@ -56,7 +56,7 @@ class Settings:
 
 def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:
     """Whether rivals are confirmed by MJX, which knows robots that lie on a floor."""
-    is_plain = not anatomy.fixed and not any(anatomy.bends)
+    is_plain = anatomy.ordered and not (anatomy.fixed or any(anatomy.bends))
     return settings.engine == "auto" and settings.method == "default" and is_plain
 
 
@@ -74,11 +74,11 @@ class Cycle:
         losses: (K) over the actions so far.
         sureness: (P) stated probability that each attachment is right.
         tilt_error: of the best rival, |left/right| + |forward/back|, mean over the
-            actions so far [deg]; of a robot without tilts its error of all channels,
-            in as many degrees as they count like.
+            actions so far [deg]. Without tilts it is that of all channels, as in the
+            loss.
         disagreement: among the bodies that might be right, about the untried actions:
-            mean standard deviation of their tilts, or of all channels, each counted as
-            far as it is believed [deg].
+            mean standard deviation of their tilts [deg], each counted as far as it is
+            believed. Without tilts it is that of all channels, as in the loss.
         spent: simulations for the search since the start.
         seconds: time since the start, interruptions left out [s].
     """

@@ -12,8 +12,8 @@ from ..body.body import Bodies, Floats, scale_parts
 from ..body.genome import Genomes, build_bodies
 from ..engine import make_engine
 from ..robot.base import Robot
+from ..robot.rest_readings import read_rest_channels
 from .evaluate import PAPER_LOSS, Evaluator, Evidence
-from .loop import read_rest_channels
 from .paper import CLIMBERS, Climbers, perturb_placements
 from .strategy import ReleasedRule
 

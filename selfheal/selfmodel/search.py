@@ -23,6 +23,7 @@ from .space import (
     draw_nudges,
     draw_space_genomes,
     is_same,
+    is_valid,
     keep_others,
     list_changes,
     perturb_genome,
@@ -168,7 +169,7 @@ class _Climber:
         steps = self.place + np.arange(min(count, self.left))
         self.place, self.left = self.place + count, self.left - count
         return keep_others(
-            self.around[self.order[steps % len(self.order)]], self.genome
+            space, self.around[self.order[steps % len(self.order)]], self.genome
         )
 
     def move_to(self, genome: Genomes, loss: float, each: Floats) -> None:
@@ -300,7 +301,10 @@ class RivalSearch:
         first, second = self.rivals.genomes[pick[:1]], self.rivals.genomes[pick[1:]]
         if dice < 0.65:
             return _Climber(perturb_genome(self.space, first, rng), np.inf)
-        return _Climber(cross_genomes(first, second, rng), np.inf)
+        child = cross_genomes(first, second, rng)
+        if not is_valid(self.space, child)[0]:
+            child = perturb_genome(self.space, first, rng)
+        return _Climber(child, np.inf)
 
     def _start_from_random(
         self, evidence: Evidence, rng: np.random.Generator

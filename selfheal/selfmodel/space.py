@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats, Ints
+from ..body.body import Anatomy, Floats, Ints, is_tree
 from ..body.genome import (
     HINGE_NAMES,
     LENGTH_RANGE,
@@ -30,12 +30,14 @@ class BodySpace:
         sides: attachments are at the middle of a side, else anywhere.
         hinges: the hinge kind is unknown (paper C), else hinges lift (paper A).
         lengths: part lengths are unknown.
+        ordered: a part hangs on one before it.
     """
 
     name: str
     sides: bool
     hinges: bool
     lengths: bool
+    ordered: bool = True
 
 
 SPACES = {
@@ -48,8 +50,15 @@ SPACES = {
 }
 
 
-def find_space(name: str, *, known_lengths: bool = False) -> BodySpace:
-    """The space of a name; `known_lengths` takes lengths out of "full".
+def find_space(
+    name: str, *, known_lengths: bool = False, ordered: bool = True
+) -> BodySpace:
+    """The space of a name.
+
+    Args:
+        name: of `SPACES`.
+        known_lengths: whether lengths are taken out of "full".
+        ordered: whether a part hangs on one before it.
 
     Raises:
         UnknownNameError: no such space.
@@ -57,7 +66,8 @@ def find_space(name: str, *, known_lengths: bool = False) -> BodySpace:
     if name not in SPACES:
         raise UnknownNameError("space", name, SPACES)
     space = SPACES[name]
-    return replace(space, lengths=space.lengths and not known_lengths)
+    lengths = space.lengths and not known_lengths
+    return replace(space, lengths=lengths, ordered=ordered)
 
 
 def draw_space_genomes(
@@ -85,15 +95,13 @@ def _copy_genome(genome: Genomes, count: int) -> Genomes:
     return genome[np.zeros(count, np.int64)]
 
 
-def _reattach_parts(genome: Genomes, kinds: Ints) -> Genomes:
-    """Every part at the middle of every side of every possible parent.
-
-    Args:
-        genome: a batch of one.
-        kinds: (H) of hinge to try at each; none leaves the part's own.
-    """
+def _reattach_parts(space: BodySpace, genome: Genomes) -> Genomes:
+    """Every part at the middle of every side of every possible parent."""
     p = genome.parent.shape[1]
-    spots = [(i, k, s) for i in range(p) for k in range(i + 1) for s in range(4)]
+    kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
+    spots = [(i, k, s) for i in range(p)
+             for k in range(i + 1 if space.ordered else p + 1) if k != i + 1
+             for s in range(4)]  # fmt: skip
     part, parent, side = np.repeat(spots, max(1, len(kinds)), axis=0).T
     out, row = _copy_genome(genome, len(part)), np.arange(len(part))
     out.parent[row, part], out.placement[row, part] = parent, (side + 0.5) / 4
@@ -165,18 +173,20 @@ def list_changes(space: BodySpace, genome: Genomes) -> Genomes:
         genome: a batch of one.
     """
     pairs, cycles = _list_orders(genome.parent.shape[1])
-    kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
-    return concatenate_genomes(
-        _reattach_parts(genome, kinds),
+    found = concatenate_genomes(
+        _reattach_parts(space, genome),
         _permute_attachments(genome, pairs),
         _relabel_parts(genome, pairs),
         _permute_attachments(genome, cycles),
     )
+    if space.hinges:
+        return found
+    return replace(found, hinge=np.broadcast_to(genome.hinge, found.hinge.shape).copy())
 
 
 def list_neighbors(space: BodySpace, genome: Genomes) -> Genomes:
     """The other bodies one discrete change away from a body (1)."""
-    return keep_others(list_changes(space, genome), genome)
+    return keep_others(space, list_changes(space, genome), genome)
 
 
 def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> Genomes:
@@ -195,13 +205,21 @@ def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> 
     return concatenate_genomes(*batches)
 
 
-def keep_others(around: Genomes, genome: Genomes) -> Genomes:
-    """The valid ones that differ from the genome (1)."""
-    return around[is_valid(around) & ~is_same(around, genome)]
+def keep_others(space: BodySpace, around: Genomes, genome: Genomes) -> Genomes:
+    """The valid ones that differ from the genome.
+
+    Args:
+        space: that they lie in.
+        around: N genomes.
+        genome: (1) that they are compared with.
+    """
+    return around[is_valid(space, around) & ~is_same(around, genome)]
 
 
-def is_valid(genomes: Genomes) -> np.ndarray:
-    """(N) whether every parent comes before its child."""
+def is_valid(space: BodySpace, genomes: Genomes) -> np.ndarray:
+    """(N) whether genomes are trees, every parent before its child where that holds."""
+    if not space.ordered:
+        return is_tree(genomes.parent)
     return np.all(genomes.parent <= np.arange(genomes.parent.shape[1]), axis=1)
 
 

@@ -100,8 +100,11 @@ class RivalStrategy:
                  random_actions: bool) -> None:  # fmt: skip
         """`random_actions` leaves the choice to chance, for comparison."""
         self.loss, self.evaluator = make_capped_loss(evaluator.anatomy), evaluator
-        twins = SymmetryGroup.from_actions(evaluator.anatomy, evaluator.actions)
-        where = find_space(space, known_lengths=known_lengths)
+        anatomy = evaluator.anatomy
+        where = find_space(space, known_lengths=known_lengths, ordered=anatomy.ordered)
+        twins = SymmetryGroup.from_actions(
+            anatomy, evaluator.actions, hinges_known=not where.hinges
+        )
         self.finder = RivalSearch(where, evaluator, twins)
         self.neighborhood = Neighborhood(where, evaluator, twins)
         self.found: Hypotheses | None = None  # on the evidence so far

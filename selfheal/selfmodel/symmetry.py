@@ -34,6 +34,7 @@ class SymmetryGroup:
         turns: (G, 2) quarters turned to the left, then 1 if mirrored (left to right).
         channel: (G, C, C) what that does to the channels [1].
         column: (T, C) of the body, in which the twin of a trade has each channel.
+        ordered: whether parents come before their children.
     """
 
     trade: Ints
@@ -41,10 +42,19 @@ class SymmetryGroup:
     turns: Ints
     channel: Floats
     column: Ints
+    ordered: bool = True
 
     @classmethod
-    def from_actions(cls, anatomy: Anatomy, actions: Floats) -> "SymmetryGroup":
-        """The group for an anatomy and its actions (A, P) [rad]."""
+    def from_actions(
+        cls, anatomy: Anatomy, actions: Floats, *, hinges_known: bool = True
+    ) -> "SymmetryGroup":
+        """The group for an anatomy and its actions.
+
+        Args:
+            anatomy: of the robot.
+            actions: (A, P) joint targets [rad].
+            hinges_known: whether a mirror may not turn a part's hinge into another.
+        """
         trade = _list_trades(anatomy)
         known = {a.tobytes(): k for k, a in enumerate(_round_actions(actions))}
         moved = _round_actions(actions)[:, trade]  # (A, T, P)
@@ -53,10 +63,14 @@ class SymmetryGroup:
         square &= np.isclose(anatomy.rim[0], anatomy.rim[1])
         turns = np.array([(k, m) for m in (0, 1) for k in range(4)])
         turns = turns if square else turns[[0, 2, 4, 6]]
+        kinds = np.array(anatomy.hinges, int)
+        if hinges_known and (_MIRRORED_HINGE[kinds] != kinds).any():
+            turns = turns[turns[:, 1] == 0]
         channels = list_channels(anatomy)
         maps = np.array([_build_channel_map(channels, k, m) for k, m in turns])
         column = _trade_columns(channels, trade)
-        return cls(trade, np.array(found).T.copy(), turns, maps, column)
+        source = np.array(found).T.copy()
+        return cls(trade, source, turns, maps, column, anatomy.ordered)
 
     @property
     def is_plain(self) -> bool:
@@ -65,6 +79,8 @@ class SymmetryGroup:
 
     def find_valid_trades(self, parent: Ints) -> np.ndarray:
         """(T) whether a body's parents (P) still come before children once traded."""
+        if not self.ordered:
+            return np.ones(len(self.trade), bool)
         label = np.hstack([np.zeros((len(self.trade), 1), np.int64), self.trade + 1])
         return np.all(label[:, parent] <= self.trade, axis=1)
 

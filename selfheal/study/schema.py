@@ -13,10 +13,10 @@ from ..body.genome import Genomes, build_bodies, decode_unit_genes
 from ..engine.statics import Statics
 from ..errors import InputError
 from ..robot.actions import load_published_body
+from ..robot.rest_readings import read_rest_channels
 from ..robot.simulated import SimulatedRobot
 from ..schema import Count, Number
 from ..selfmodel.lengths import Ask, estimate_lengths
-from ..selfmodel.loop import read_rest_channels
 from ..selfmodel.schema import (
     SENSOR_SETS,
     estimate_models,

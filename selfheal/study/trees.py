@@ -13,7 +13,8 @@ from pydantic import Field
 
 from ..body.body import compute_edge_f1, measure_center_distance
 from ..body.genome import build_bodies
-from ..robot.base import Robot, open_robot
+from ..robot.base import Robot
+from ..robot.open_robot import open_robot
 from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings

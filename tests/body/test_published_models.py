@@ -41,6 +41,11 @@ PUBLISHED = {
     "block_center": [0.0] * 4 + [0.0185] * 4,
     "block_mass": [0.0] * 4 + [0.023] * 4,
     "feet": (5, 6, 7, 8),
+    "hinges": (),
+    "bends": (),
+    "fixed": False,
+    "ordered": True,
+    "sensors": ("tilt", "clearance"),
 }
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from selfheal.cli import app
 from selfheal.example.make import EXAMPLES
 from selfheal.export.export import FORMATS
-from selfheal.robot.base import list_robots
+from selfheal.robot.open_robot import list_robots
 from selfheal.telemetry import KINDS
 from tests.support.paths import DOCS
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from selfheal.cli import app
 from selfheal.recording import Recording, write
-from selfheal.robot.base import open_robot
+from selfheal.robot.open_robot import open_robot
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Run, Settings, save_run
 from tests.support.stick_robot import Toy

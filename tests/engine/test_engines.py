@@ -9,9 +9,10 @@ import pytest
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.engine import ENGINES, make_engine
+from selfheal.engine.channels import MAX_CLEARANCE
 from selfheal.engine.mjx import Mjx
 from selfheal.engine.mujoco import MuJoCo
-from selfheal.engine.readings import MAX_CLEARANCE, Readings, compute_readings
+from selfheal.engine.readings import Readings, compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
 from selfheal.robot.actions import list_actions_2006, load_published_body

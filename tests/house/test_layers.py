@@ -19,7 +19,7 @@ ROOMS = [
         "files",
         "mujoco_files",
     ),
-    *("schema", "recording", "logs", "export", "example", "telemetry"),
+    *("documents", "schema", "recording", "logs", "export", "example", "telemetry"),
     *("mjcf", "preparation", "body", "engine"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),

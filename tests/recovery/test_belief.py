@@ -153,7 +153,8 @@ def readings(shared_recordings):
 
     folder = shared_recordings / "starfish_2006"
     files = ("intact.h5", "damaged.h5")
-    robots = (replay(f, read(folder / f), load_published_body()) for f in files)
+    body = load_published_body()
+    robots = (replay(f, read(folder / f), body.anatomy, body) for f in files)
     return predict_actions(*robots, load_published_body())
 
 

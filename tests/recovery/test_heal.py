@@ -17,7 +17,8 @@ from selfheal.recovery.phased_run import load_phased_run, save_phased_run
 from selfheal.recovery.phases import make_robot_states
 from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.report.heal import make_heal_page
-from selfheal.robot.base import open_robot, require_walker
+from selfheal.robot.base import require_walker
+from selfheal.robot.open_robot import open_robot
 from tests.support.damaged.members import NEVER_FIT, make_damaged_copies
 from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot
 

@@ -23,7 +23,8 @@ from selfheal.robot.actions import (
     list_actions_2006,
     load_published_body,
 )
-from selfheal.robot.base import list_robots, open_robot, require_walker
+from selfheal.robot.base import require_walker
+from selfheal.robot.open_robot import list_robots, open_robot
 from selfheal.robot.replay import replay
 from tests.support.stick_robot import Toy
 
@@ -68,7 +69,7 @@ def test_the_actions_of_2006_lower_one_or_two_joints():
 
 def test_a_replay_offers_each_action_once_and_answers_with_its_episode():
     recording, toy = _played(), Toy()
-    robot = replay("toy", recording, toy.truth)
+    robot = replay("toy", recording, toy.anatomy, toy.truth)
     np.testing.assert_allclose(robot.actions, toy.actions)
     for action in range(len(robot.actions)):
         (name,) = robot.act(action).episodes
@@ -82,7 +83,9 @@ def test_a_replay_reads_servos_by_name():
         key: replace(e, ctrl=e.ctrl[:, ::-1], ctrl_names=e.ctrl_names[::-1])
         for key, e in recording.episodes.items()
     }
-    robot = replay("toy", replace(recording, episodes=flipped), Toy().truth)
+    robot = replay(
+        "toy", replace(recording, episodes=flipped), Toy().anatomy, Toy().truth
+    )
     np.testing.assert_allclose(robot.actions, Toy().actions)
 
 
@@ -92,7 +95,7 @@ def test_a_recording_without_a_servo_is_refused():
     less = replace(episode, ctrl=episode.ctrl[:, 1:], ctrl_names=episode.ctrl_names[1:])
     bad = replace(recording, episodes={**recording.episodes, "take_4": less})
     with pytest.raises(RecordingError, match=r"toy\.h5.*'take_4'.*lacks joint_0_servo"):
-        replay("toy", bad, Toy().truth)
+        replay("toy", bad, Toy().anatomy, Toy().truth)
 
 
 def test_a_recording_with_two_columns_for_a_servo_is_refused():
@@ -104,13 +107,13 @@ def test_a_recording_with_two_columns_for_a_servo_is_refused():
     )
     bad = replace(recording, episodes={**recording.episodes, "take_4": twice})
     with pytest.raises(RecordingError, match="'take_4'.*several columns for joint_0_"):
-        replay("toy", bad, Toy().truth)
+        replay("toy", bad, Toy().anatomy, Toy().truth)
 
 
 def test_a_recording_without_vertical_is_refused():
     bad = _without(_played(), "vertical")
-    with pytest.raises(RecordingError, match="'take_10'.*'vertical'.*has: clearance"):
-        replay("toy", bad, Toy().truth)
+    with pytest.raises(RecordingError, match="'take_10'.*no reading of 'vertical'"):
+        replay("toy", bad, Toy().anatomy, Toy().truth)
 
 
 @pytest.mark.parametrize("values", [np.full((1, 3), np.nan), np.ones((1, 2))])
@@ -120,12 +123,16 @@ def test_a_recording_whose_vertical_says_nothing_is_refused(values):
     vertical = replace(episode.signals["vertical"], values=values)
     silent = replace(episode, signals={**episode.signals, "vertical": vertical})
     bad = replace(recording, episodes={**recording.episodes, "take_2": silent})
-    with pytest.raises(RecordingError, match="'take_2': 'vertical' has no reading"):
-        replay("toy", bad, Toy().truth)
+    with pytest.raises(RecordingError, match="'take_2': no reading of 'vertical'"):
+        replay("toy", bad, Toy().anatomy, Toy().truth)
 
 
 def test_a_replay_does_without_clearance():
-    assert len(replay("toy", _without(_played(), "clearance"), Toy().truth).actions)
+    assert len(
+        replay(
+            "toy", _without(_played(), "clearance"), Toy().anatomy, Toy().truth
+        ).actions
+    )
 
 
 @pytest.mark.parametrize("name", ["starfish", "tree:3"])
@@ -160,7 +167,7 @@ def test_a_simulated_recording_can_be_replayed():
     episodes = {}
     for action in (0, 9):
         episodes |= robot.act(action).episodes
-    again = replay("starfish", Recording(episodes), robot.truth)
+    again = replay("starfish", Recording(episodes), robot.anatomy, robot.truth)
     np.testing.assert_array_equal(again.actions, robot.actions[[0, 9]])
     assert _equal(again.act(1), robot.act(9))
 

@@ -17,7 +17,8 @@ from selfheal.cli import app
 from selfheal.errors import InputError, RecordingError, RunFileError, UnknownNameError
 from selfheal.files import lock_file
 from selfheal.recording import Recording
-from selfheal.selfmodel.loop import check_settings, identify_body, read_rest_channels
+from selfheal.robot.rest_readings import read_rest_channels
+from selfheal.selfmodel.loop import check_settings, identify_body
 from selfheal.selfmodel.prior import compute_prior_cost
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Run, Settings, save_run

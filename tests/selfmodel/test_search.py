@@ -67,7 +67,9 @@ def test_after_a_gain_a_climber_goes_on_with_the_next_change():
     climber.propose_changes(space, 7, rng)
     climber.move_to(second, 8.0, np.array([4.0, 4.0]))
     tried = climber.propose_changes(space, 5, rng)
-    expected = keep_others(list_changes(space, second)[climber.order[7:12]], second)
+    expected = keep_others(
+        space, list_changes(space, second)[climber.order[7:12]], second
+    )
     np.testing.assert_array_equal(tried.parent, expected.parent)
     np.testing.assert_array_equal(tried.placement, expected.placement)
 

@@ -27,9 +27,9 @@ def test_neighbors_are_other_bodies_of_the_space(name):
     space, rng = find_space(name), np.random.default_rng(0)
     for row in range(5):
         genome = draw_space_genomes(anatomy(), space, 5, rng)[[row]]
-        fine = keep_others(draw_nudges(space, genome, rng), genome)
+        fine = keep_others(space, draw_nudges(space, genome, rng), genome)
         for around in (list_neighbors(space, genome), fine):
-            assert is_valid(around).all()
+            assert is_valid(space, around).all()
             assert not is_same(around, genome).any()
             assert ((around.placement >= 0) & (around.placement < 1)).all()
             if not space.hinges:
@@ -94,7 +94,7 @@ def test_perturbed_and_crossed_genomes_stay_in_the_space(name):
         kick = perturb_genome(space, parents[[row]], rng)
         child = cross_genomes(parents[[row]], parents[[row + 1]], rng)
         for genome in (kick, child):
-            assert len(genome) == 1 and is_valid(genome).all()
+            assert len(genome) == 1 and is_valid(space, genome).all()
             if space.sides:
                 np.testing.assert_allclose(genome.placement % 0.25, 0.125)
         either = (child.parent == parents.parent[row]) | (

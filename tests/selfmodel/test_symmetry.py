@@ -10,7 +10,7 @@ from selfheal.body.genome import Genomes, decode_matrix, draw_genomes
 from selfheal.body.genome import concatenate_genomes as joined
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import Evaluator, make_capped_loss
-from selfheal.selfmodel.space import is_same, is_valid
+from selfheal.selfmodel.space import find_space, is_same, is_valid
 from selfheal.selfmodel.symmetry import SymmetryGroup
 from tests.support.stick_robot import PARTS, Toy, anatomy, truth_genome
 
@@ -43,7 +43,7 @@ def test_the_derived_table_of_a_symmetric_body_is_its_simulation(hinges):
             derived.append(TWINS.map_table(tables[row], turn, trade))
             twins.append(TWINS.map_genome(genomes, row, turn, trade))
     assert len(twins) > 20
-    assert is_valid(joined(*twins)).all()
+    assert is_valid(find_space("free"), joined(*twins)).all()
     simulated = evaluator.compute_table(joined(*twins))
     known = ~np.isnan(np.array(derived)).any(axis=2)
     gap = np.abs(np.array(derived) - simulated)[known].max(axis=1)

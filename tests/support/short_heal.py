@@ -13,8 +13,9 @@ from selfheal.recording import Recording
 from selfheal.recovery import hypotheses, plausible_plants
 from selfheal.report import heal as report_page
 from selfheal.robot.actions import load_published_body
-from selfheal.robot.base import Walker, open_robot, require_walker
-from selfheal.selfmodel.loop import read_rest_channels
+from selfheal.robot.base import Walker, require_walker
+from selfheal.robot.open_robot import open_robot
+from selfheal.robot.rest_readings import read_rest_channels
 from selfheal.selfmodel.run import Cycle, Run, Settings, save_run
 
 BODY = load_published_body()

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from ...documents import shorten_value
 from ...errors import InputError, UnknownNameError
-from ...schema import shorten_value
 from ..effects import load_catalogue
 from ..effects.base import Effect
 from ..effects.declaration import FindingField, ParameterSpec

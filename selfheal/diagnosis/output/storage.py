@@ -13,10 +13,10 @@ from uuid import uuid4
 import h5py
 import numpy as np
 
+from ...documents import load_json
 from ...errors import InputError
 from ...files import check_writable, lock_file, make_write_error
 from ...mjcf.xml_text import encode_text
-from ...schema import load_json
 from ..estimation.information import Information
 from .schema import check_entries
 

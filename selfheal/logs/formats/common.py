@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from ... import extras
+from ...documents import shorten_value
 from ...errors import InputError
 from ...printable import make_printable
-from ...schema import shorten_value
 from ..base import Log, Values
 
 MAX_COLUMNS = 10_000  # of a stream; chosen: ten times those of a humanoid's whole state

@@ -1,0 +1,129 @@
+"""Readings at rest: the signals of a recording that read a robot's sensors."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ..body.body import Anatomy, Floats
+from ..engine.channels import parse_sensor
+from ..errors import RecordingError
+from ..recording import Episode, Recording, Signal
+
+BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
+# by kind of sensor: the signal that reads it, of which part or joint
+_SIGNALS = {"tilt": "vertical", "clearance": "clearance", "touch": "{part}_touch",
+            "gravity": "{part}_vertical", "position": "{part}_tip",
+            "torque": "{joint}_torque"}  # fmt: skip
+UNITS = {"tilt": "1", "clearance": "m", "touch": "1", "gravity": "1", "position": "m",
+         "torque": "N m"}  # fmt: skip
+
+
+def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
+    """The signal of a recording that reads a sensor.
+
+    Args:
+        sensor: its name, see `engine.channels`.
+        anatomy: of the robot.
+    """
+    kind, _, part = sensor.partition(":")
+    joint = anatomy.joints[anatomy.parts.index(part)] if part else ""
+    return _SIGNALS[kind].format(part=part, joint=joint)
+
+
+def count_columns(sensor: str, anatomy: Anatomy) -> int:
+    """How many columns the signal of a sensor has: one, or x, y and z."""
+    return 3 if parse_sensor(sensor, anatomy.parts)[0].width > 1 else 1
+
+
+def read_rest_channels(recording: Recording, anatomy: Anatomy) -> Floats:
+    """(C) channels of a recording of one action; NaN where a sensor gave nothing.
+
+    A vertical is the world's in the frame of torso or part (3) [1], a tip is in the
+    torso's frame (3) [m], torques are of joints [N m].
+
+    Raises:
+        RecordingError: it lacks a signal, but for that of clearance, or its last
+            sample.
+    """
+    (name, episode), *_ = recording.episodes.items()
+    found = []
+    for sensor in anatomy.sensors:
+        signal, width = name_signal_of(sensor, anatomy), count_columns(sensor, anatomy)
+        read = episode.signals.get(signal)
+        last = np.full(1, np.nan) if read is None else np.atleast_1d(read.values[-1])
+        if last.shape != (width,) or (np.isnan(last).any() and sensor != "clearance"):
+            columns = " (x, y, z)" if width > 1 else ""
+            raise RecordingError(
+                f"{recording.file}, episode {name!r}: no reading of {signal!r}{columns}"
+                f" at the last sample; identify needs {sensor} at rest"
+            )
+        found.append(_convert_reading(sensor, last))
+    return np.concatenate(found)
+
+
+def _convert_reading(sensor: str, read: Floats) -> Floats:
+    """The channels of a sensor from what its signal says."""
+    kind = sensor.partition(":")[0]
+    if kind == "tilt":
+        x, y, _ = np.clip(read, -1, 1)
+        return np.array([-np.degrees(np.arcsin(y)), np.degrees(np.arcsin(x))])
+    if kind == "gravity":
+        return np.degrees(read / max(float(np.linalg.norm(read)), 1e-9))
+    if kind == "clearance":
+        return 1000 * (read - BELLY_SENSOR)
+    return 1000 * read if kind == "position" else read
+
+
+def revert_channels(sensor: str, channels: Floats) -> Floats:
+    """What the signal (3) or (1) of a sensor says, by its channels (n)."""
+    kind = sensor.partition(":")[0]
+    if kind == "tilt":
+        x, y = np.sin(np.radians(channels[1])), -np.sin(np.radians(channels[0]))
+        return np.array([x, y, np.sqrt(max(0.0, 1 - x * x - y * y))])
+    if kind == "gravity":
+        return np.radians(channels)
+    if kind == "clearance":
+        return channels / 1000 + BELLY_SENSOR
+    return channels / 1000 if kind == "position" else channels
+
+
+def make_rest_episode(
+    anatomy: Anatomy, time: Floats, target: Floats, read: Mapping[str, Floats],
+    angles: Floats | None = None,
+) -> Episode:  # fmt: skip
+    """The episode of an action: from all joints at zero to a target, then at rest.
+
+    Args:
+        anatomy: of the robot.
+        time: (3) of the start, of the target reached, and at rest [s].
+        target: (P) of the joints [rad].
+        read: by sensor, what its signal (3) or (1) says at rest.
+        angles: (P) of the joints at rest [rad], where they are read.
+    """
+    signals = {}
+    for sensor, values in read.items():
+        name, kind = name_signal_of(sensor, anatomy), sensor.partition(":")[0]
+        width = count_columns(sensor, anatomy)
+        values = np.asarray(values, float).reshape((width,) if width > 1 else ())
+        is_torque = kind == "torque"
+        joint = name.removesuffix("_torque")
+        signals[name] = _make_rest_signal(
+            values, f"{joint}_servo" if is_torque else name,
+            "joint_torque" if is_torque else "sensor", UNITS[kind],
+        )  # fmt: skip
+    for joint, angle in zip(anatomy.joints, () if angles is None else angles,
+                            strict=angles is not None):  # fmt: skip
+        name = f"{joint}_position"
+        signals[name] = _make_rest_signal(
+            np.asarray(angle), joint, "joint_position", "rad"
+        )
+    ctrl = np.array([0 * target, target, target])
+    servos = tuple(f"{joint}_servo" for joint in anatomy.joints)
+    return Episode(time, ctrl, servos, signals)
+
+
+def _make_rest_signal(value: Floats, target: str, kind: str, unit: str) -> Signal:
+    """A signal of three samples of which only the last was read."""
+    values = np.full((3, *value.shape), np.nan)
+    values[-1] = value
+    return Signal(values, kind, target, unit)
