@@ -1,5 +1,6 @@
 """`selfheal recording`: takes a recording file, says what it holds or what is wrong."""
 
+import shlex
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -137,18 +138,18 @@ def import_log(
         raise InputError(f"--out {out} would overwrite what it is made of")
     refuse_existing(out, force=force)
     if map_file is None:
-        _propose_map(logs[0], model, preset, out, as_json=as_json)
+        _propose_map(logs, model, preset, out, as_json=as_json)
         return
     _import_logs(logs, model, map_file, out, as_json=as_json, asked=progress)
 
 
 def _propose_map(
-    log: Path, model: Path, preset: str | None, out: Path, *, as_json: bool
+    logs: list[Path], model: Path, preset: str | None, out: Path, *, as_json: bool
 ) -> None:
-    """Write a map that fits a log, as far as can be told.
+    """Write a map that fits the first of logs, as far as can be told.
 
     Args:
-        log: a file or folder.
+        logs: files or folders of one robot.
         model: MJCF or URDF.
         preset: name of one, where the software is known that wrote the log.
         out: the map.
@@ -164,8 +165,8 @@ def _propose_map(
     from ._import import summarize_guess
 
     known = None if preset is None else read_preset(preset)
-    found = guess_map(open_log(log), load_model(model), known)
-    text = format_map(found, log.name, model.name)
+    found = guess_map(open_log(logs[0]), load_model(model), known)
+    text = format_map(found, logs[0].name, model.name)
     write_text(out, text)
     if as_json:
         print_json(summarize_guess(found, out))
@@ -173,10 +174,9 @@ def _propose_map(
     for line in text.splitlines():
         print_line(line)
     print_line("")
-    print_line(
-        f"wrote {out}; look at it, then: selfheal recording import {log} "
-        f"--model {model} --map {out} --out recording.h5"
-    )
+    words = ["--model", model, "--map", out, "--out", "recording.h5"]
+    again = shlex.join(map(str, [*logs, *words]))
+    print_line(f"wrote {out}; look at it, then: selfheal recording import {again}")
 
 
 def _import_logs(
@@ -354,6 +354,11 @@ def _format_verdict(summary: dict[str, Any]) -> str:
     count = len(summary["episodes"])
     seconds = sum(episode["seconds"] for episode in summary["episodes"])
     fits = f" and fits {summary['model']}" if summary["model"] else ""
+    if any(fault["decisive"] for fault in summary.get("telemetry", [])):
+        fits = (
+            f", but contradicts {summary['model']}: diagnose refuses it until what is "
+            "told above is mended"
+        )
     return (
         f"{summary['file']} ({summary['robot'] or 'robot not named'}): {count} "
         f"episode{'s' * (count > 1)}, {seconds:.1f} s; it keeps the contract{fits}."

@@ -41,10 +41,28 @@ def refuse_xacro(path: str | os.PathLike[str]) -> None:
     markup = re.sub(rb"<!--.*?-->", b"", text, flags=re.DOTALL)
     if name.endswith(".xacro") or re.search(rb"<xacro:\w", markup):
         made = re.sub(r"(\.urdf)?(\.xacro|\.urdf|\.xml)$", "", os.path.basename(name))
+        made += ".urdf" if made + ".urdf" != os.path.basename(name) else "_plain.urdf"
         raise ModelError(
             f"{name} holds macros of xacro, which no simulator reads; run xacro first: "
-            f"xacro {name} > {made}.urdf"
+            f"xacro {name} > {made}"
         )
+
+
+def explain_mesh(reason: str) -> str:
+    """What would mend a mesh for which MuJoCo refuses a model; "" of other reasons."""
+    if "package:/" in reason:
+        return (
+            ", which contact or inertia needs; would fit: the package's folder "
+            'beside or above the model, or <mujoco><compiler strippath="true" '
+            'meshdir="..."/></mujoco> in the URDF, with the folder of its meshes'
+        )
+    if re.search(r" file '[^']*\.(stl|obj|msh|dae)'", reason, re.IGNORECASE):
+        return (
+            ", which contact or inertia needs; would fit: that mesh as .stl, .obj or "
+            '.msh, or an <inertial> in its body and a geom of contype="0" '
+            'conaffinity="0"'
+        )
+    return ""
 
 
 def read_spec_file(

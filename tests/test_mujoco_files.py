@@ -64,6 +64,14 @@ def test_a_path_may_have_any_bytes(tmp_path):
         load_model(folder / "none.xml")
 
 
+def test_a_mesh_that_is_missed_is_told_with_what_mends_it(tmp_path):
+    mesh = '<asset><mesh name="a" file="a.stl"/></asset><worldbody>'
+    text = HINGE.replace("<worldbody>", mesh, 1).replace("<geom", '<geom mesh="a"', 1)
+    (tmp_path / "m.xml").write_text(text.replace('mesh="a"', 'type="mesh" mesh="a"', 1))
+    with pytest.raises(ModelError, match="a.stl.*would fit: that mesh as .stl"):
+        load_model(tmp_path / "m.xml")
+
+
 def test_one_module_has_mujoco_read_files():
     readers = {"from_xml_path", "from_file", "from_binary_path", "from_zip"}
     found = {

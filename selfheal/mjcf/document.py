@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from ..errors import ModelError, UnknownNameError
+from ..mujoco_files import explain_mesh
 from ..printable import join_names, quote_name
 from ..recording import read_spec
 from .xml_text import (
@@ -306,8 +307,9 @@ def _from_urdf(path: str) -> str:
 
 
 def describe_refusal(path: str, error: Exception) -> str:
-    """MuJoCo's reason for refusing a file, in one line."""
-    return f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}"
+    """MuJoCo's reason for refusing a file, in one line, and what would mend a mesh."""
+    reason = " ".join(str(error).split())
+    return f"{path}: MuJoCo cannot read it: {reason}{explain_mesh(reason)}"
 
 
 def find_named_element(element: Element) -> Element:

@@ -16,7 +16,7 @@ from ..printable import join_names, quote_name
 from ..recording import load_model, read_spec
 from ..recording.names import refuse_dangerous_model
 from .contacts import find_touching_pairs
-from .drives import Drive, Gains, build_drives, list_followers
+from .drives import Drive, Gains, build_drives, list_followers, list_undriven
 from .inertias import mend_inertias
 
 if TYPE_CHECKING:
@@ -155,10 +155,7 @@ def _explain_shapes(path: str | os.PathLike[str]) -> str:
         _compile_bare(spec)
     except ValueError:
         return ""
-    return (
-        "; would fit: a mesh of .stl, .obj or .msh that MuJoCo reads, or --no-contacts "
-        "if the robot touches nothing"
-    )
+    return "; or --no-contacts if the robot touches nothing"
 
 
 def _weld(spec: "mujoco.MjSpec") -> Iterator[str]:
@@ -268,10 +265,13 @@ def _describe_joints(
             f"follows {quote_name(model.joint(led).name)}" if led >= 0 else "is held"
         )
         yield f"joint {own}: no drive, it {follows} (an equality constraint)"
-    if gains.passive:
-        yield f"no drive, as told: {join_names(gains.passive)}"
+    undriven = {model.joint(j).name for j in list_undriven(model)}
+    for name in gains.passive:
+        what = "no drive" if name in undriven else "it keeps its motor"
+        yield f"joint {quote_name(name)}: {what}, as told"
     if not drives:
-        yield "no joint needed a drive"
+        unused = ", so the gains that were given change nothing" * bool(gains.kp)
+        yield f"no joint needed a drive{unused}"
 
 
 def _describe_speeds(name: str) -> Iterator[str]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
-from ..mujoco_files import compile_file, read_spec_file, refuse_xacro
+from ..mujoco_files import compile_file, explain_mesh, read_spec_file, refuse_xacro
 from .controls import find_joint, list_controls
 from .model import ModelNames, Target
 
@@ -62,12 +62,7 @@ def load_model(path: str | os.PathLike[str]) -> "mujoco.MjModel":
         model = compile_model(name)
     except (ValueError, OSError) as error:
         reason = " ".join(str(error).split()) or f"no reason was given for {name}"
-        if "package:/" in reason:
-            reason += (
-                ", which contact or inertia needs; would fit: the package's folder "
-                'beside or above the model, or <mujoco><compiler strippath="true" '
-                'meshdir="..."/></mujoco> in the URDF, with the folder of its meshes'
-            )
+        reason += explain_mesh(reason)
         raise ModelError(f"{name}: MuJoCo cannot load it: {reason}") from error
     if not 0 < (step := model.opt.timestep) < np.inf:
         raise ModelError(f"{name}: its timestep is {step:g} s; would fit: more than 0")

@@ -91,7 +91,7 @@ def _list_clauses(found: Sequence[Mapping[str, Any]]) -> list[str]:
 def _state_improvement(fit: Mapping[str, Any], count: int) -> str:
     """How much the findings help, as the second half."""
     them = "it" if count == 1 else "together they"
-    removed = parse_number(fit.get("explainable_removed"))
+    removed, over = _find_removed(fit)
     refit, patched = (
         format_short(fit.get("refit"), 2),
         format_short(fit.get("patched"), 2),
@@ -103,7 +103,22 @@ def _state_improvement(fit: Mapping[str, Any], count: int) -> str:
     if removed <= 0:
         return f"{them} {verb} none of the held-out error ({refit} before)"
     much = format_percent(removed) if removed < _ALL else "all"
-    return f"{them} {verb} {much} of the error that can be explained"
+    return f"{them} {verb} {much} of the error{over} that can be explained"
+
+
+def _find_removed(fit: Mapping[str, Any]) -> tuple[float, str]:
+    """Share of the explainable error that is gone, and over how long, if that counts.
+
+    Short pieces may be noise alone where longer ones show what findings are worth.
+    """
+    removed = parse_number(fit.get("explainable_removed"))
+    if isfinite(removed):
+        return removed, ""
+    for horizon in fit.get("horizons", ()):
+        longer = parse_number(horizon.get("explainable_removed"))
+        if longer > 0:
+            return longer, f" over {horizon['seconds']:.3g} s"
+    return removed, ""
 
 
 def _write_clause(finding: Mapping[str, Any], place: str) -> str:

@@ -1,6 +1,6 @@
 """The telemetry check: a recording and its model in, the faults of the log out."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 # [s] over which samples are smoothed; chosen: beyond, a joint's speed is not seen
 MAX_KERNEL = 2.0
+_WRONG = ("sign", "unit", "exchange")  # of columns, in whose torques nothing balances
 
 
 @dataclass(frozen=True)
@@ -90,6 +91,7 @@ def _examine_motion(
     if any(KINDS[f.kind] for f in setup):  # forces tell nothing then
         return Telemetry((*setup, *check.find_faults()), ())
     odd = [f for f in check.odd if not {*held} & {*f.columns}]
+    by_torques = not odd
     if not held and not check.is_late:
         odd = odd or find_unpowered(check.balance)
         odd = odd or find_odd(series, check.balance, rollouts)
@@ -97,6 +99,8 @@ def _examine_motion(
         left_out = {k for f in odd for k in f.episodes}
         rest = {k: e for k, e in recording.episodes.items() if k not in left_out}
         others = _examine_motion(replace(recording, episodes=rest), model, held)
+        if by_torques and (wrong := _widen_faults(others.faults, rest, recording)):
+            return Telemetry(wrong, others.unchecked)
         return Telemetry((*odd, *others.faults), others.unchecked)
     faults = setup + _find_faults(recording, check, rollouts, held)
     # of a robot that something unknown drives, its torques tell nothing of columns
@@ -107,6 +111,27 @@ def _examine_motion(
     reason = check.balance.reason
     said = (f"the balance of torques: {reason}",) if reason else ()
     return Telemetry(tuple(faults), said)
+
+
+def _widen_faults(
+    faults: Sequence[Fault], rest: Collection[str], recording: Recording
+) -> tuple[Fault, ...]:
+    """Faults of all but the odd episodes, as faults of all of them.
+
+    Columns that are wrong everywhere leave the balance of torques, by which episodes
+    are called odd, no meaning. Empty if no column is wrong.
+
+    Args:
+        faults: of the rest.
+        rest: names of the other episodes.
+        recording: whole.
+    """
+    if not any(f.is_decisive and f.kind in _WRONG for f in faults):
+        return ()
+    every = tuple(recording.episodes)
+    return tuple(
+        replace(f, episodes=every) if {*f.episodes} == {*rest} else f for f in faults
+    )
 
 
 def _find_faults(

@@ -130,8 +130,9 @@ def _find_motors_sent_goals(
             "model's actuator is a motor, which takes a torque",
             correlation_p_value(relation.r, relation.rows, independent), FOLLOWED,
             (ModelCorrection(format_servo(model, command)),
-             "in the motor's place, with the drive's gains for KP and KV; or log the "
-             "torques as commands"),
+             "in the motor's place, with the drive's gains for KP and KV, as selfheal "
+             "model prepare ROBOT.xml --kp KP --kv KV --out m.xml writes it; or log "
+             "the torques as commands"),
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 
 import numpy as np
 import pytest
@@ -69,6 +70,16 @@ def test_a_guess_writes_a_map_that_imports(home):
     )
     assert ended.exit_code == 0, ended.output
     assert set(read("r.h5").episodes["000"].signals) == {"hinge_position"}
+
+
+def test_a_guess_says_how_all_of_its_logs_are_imported(home):
+    (home / "run 2.csv").write_bytes((home / "log.csv").read_bytes())
+    words = ("--model", "robot.xml", "--guess", "--out", "mine.toml")
+    guessed = _run("log.csv", "run 2.csv", *words)
+    _, _, command = guessed.stdout.strip().rpartition("selfheal recording import ")
+    ended = _run(*shlex.split(command))
+    assert ended.exit_code == 0, ended.output
+    assert len(read("recording.h5").episodes) == 2
 
 
 @pytest.mark.parametrize(
@@ -140,6 +151,14 @@ def test_a_log_that_tells_no_motion_is_one_message(home, columns, said):
     assert ended.exit_code == 2, ended.output
     assert ended.stderr.startswith("selfheal: ") and said in ended.stderr
     assert not (home / "r").exists()
+
+
+def test_a_guess_tells_the_column_of_texts_that_it_could_not_use(home):
+    _write(home / "log.csv", TIME, ["off"] * 200, WAVE)
+    ended = _run("log.csv", "--model", "robot.xml", "--guess", "--out", "guess.toml")
+    assert ended.exit_code == 0, ended.output
+    assert "no command was found for servo" in ended.stdout
+    assert "columns that hold texts are not used: goal" in ended.stdout
 
 
 @pytest.mark.parametrize("rows", [0, 1])

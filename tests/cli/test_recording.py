@@ -77,6 +77,7 @@ def test_what_contradicts_the_model_is_told(tmp_path):
     result = _check(*arguments)
     assert result.exit_code == 0 and "joint_range" in result.stdout
     assert "not checked" in result.stdout and "[b]x" in result.stdout
+    assert "keeps the contract and fits" in result.stdout
 
 
 def test_square_brackets_in_a_name_are_no_markup(recording, tmp_path):
@@ -164,6 +165,8 @@ def test_a_map_is_told_the_rules_that_mend_it(tmp_path):
     ended = _run(*words, "--map", map_file)
     assert "map.toml, in place of the 1. [[signals]]:" in " ".join(ended.stdout.split())
     assert "scale = 0.0174532925" in ended.stdout
+    told = " ".join(ended.stdout.split())
+    assert "keeps the contract, but contradicts" in told and "refuses it" in told
     assert (
         max(map(len, ended.stdout.splitlines())) <= 80 or str(tmp_path) in ended.stdout
     )

@@ -1,6 +1,7 @@
 """A proposed map finds columns by name, unit, limits and motion, and tells doubts."""
 
 import tomllib
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -183,6 +184,15 @@ def test_a_column_in_percent_is_mapped_to_its_range(model, motion):
         if target == "elbow" and line.kind == "joint_position"
     ]
     assert ranges == [((0.0, 100.0), (low, high))]
+
+
+def test_what_is_asked_to_be_looked_at_is_said_to_be_less_than_sure(model, motion):
+    guess = guess_map(TableLog({"": _make_table(motion)}), model)
+    shares = [0.6999, 0.7, 0.9999]
+    lines = [replace(line, sure=shares, why=["a", "b", "c"]) for line in guess.lines]
+    text = format_map(replace(guess, lines=lines), "log.csv", "arm.xml")
+    assert "69% sure: LOOK: pan" in text and "100% sure" not in text
+    assert "70% sure: lift: b" in text and "99% sure: elbow: c" in text
 
 
 def test_what_is_not_there_is_said(model, motion):

@@ -191,10 +191,19 @@ def test_driven_joints_keep_their_actuators(tmp_path):
     servo = text.replace("<motor", '<position kp="3"')
     for given, options in ((servo, ("--kp", 5)), (text, ("--kp", "b=5")),
                            (text, ("--kp", 5, "--passive", "a"))):  # fmt: skip
-        model, _ = _prepare(given, tmp_path, *options, name="m.xml")
+        model, said = _prepare(given, tmp_path, *options, name="m.xml")
         assert [model.actuator(a).name for a in range(model.nu)] == ["m", "b"]
+        assert ("joint 'a': it keeps its motor" in said) == ("--passive" in options)
         assert model.actuator_gainprm[0, 0] == (3 if given is servo else 1)
         (tmp_path / "out" / "m.xml").unlink()
+
+
+def test_gains_that_no_joint_takes_are_told(tmp_path):
+    servo = "<actuator><position kp='3' joint='hinge'/></actuator></mujoco>"
+    text = SEEN.format("skin").replace("</mujoco>", servo)
+    write_file(tmp_path / "cube.obj", CUBE.format(1))
+    _, said = _prepare(text, tmp_path, "--kp", 5, name="m.xml")
+    assert "no joint needed a drive, so the gains that were given change" in said
 
 
 def test_gains_put_servos_as_strong_in_the_places_of_motors(tmp_path):
@@ -240,7 +249,7 @@ def test_meshes_are_found_from_where_the_model_goes(tmp_path):
     [
         ("a.urdf.xacro", ARM, ["--kp", "1"], "run xacro first: xacro .*> a.urdf"),
         ("a.urdf", ARM.replace("</robot>", "<xacro:arm/></robot>"), ["--motors"],
-         "run xacro first"),
+         "run xacro first: xacro .*> a_plain.urdf"),
         ("a.urdf", ARM, [], "--kp VALUE"),
         ("a.urdf", ARM, ["--kp", "elbow=3"], "'shoulder' has no --kp"),
         ("a.urdf", ARM, ["--kp", "3", "--kp", "knee=3"], "'knee'; valid: elbow, sho"),

@@ -66,6 +66,17 @@ def test_what_a_finding_is_worth_is_said(removed, says):
     assert says in state_verdict(document)
 
 
+def test_where_short_pieces_are_noise_longer_ones_tell_the_worth():
+    document = make_document()
+    document["fit"] |= {"explainable_removed": None, "refit": 0.0141}
+    document["fit"]["horizons"] = [
+        {"seconds": 0.5, "explainable_removed": None},
+        {"seconds": 2.0, "explainable_removed": 0.93},
+    ]
+    said = state_verdict(document)
+    assert "explains 93\N{NO-BREAK SPACE}% of the error over 2 s that can" in said
+
+
 def test_every_effect_has_its_own_words():
     assert set(PLACEHOLDERS) == {"at", "all", *phrases.COMMON}
     for effect in load_catalogue().values():

@@ -77,6 +77,7 @@ def test_goals_that_are_sent_to_motors_are_told_with_the_servos(servo_arm, make_
     assert '<position name="e" joint="elbow" kp="KP" kv="KV"/>' in map(
         str, found[1].corrections
     )
+    assert "selfheal model prepare" in found[1].corrections[1]
 
 
 def test_torques_that_hold_a_weight_are_no_goals():

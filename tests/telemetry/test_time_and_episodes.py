@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from selfheal.example.make import make_example
 from selfheal.example.simulate import simulate_runs
-from selfheal.recording import Recording
+from selfheal.recording import Recording, read
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.balance import Balance
 from tests.support.logs import newcomer_robots as robots
@@ -86,6 +87,22 @@ def test_a_column_that_is_wrong_in_all_episodes_makes_none_odd(servo_arm):
     model, recording = servo_arm
     wrong = _edit(recording, lambda t, x: -x, "elbow_q", "elbow_v")
     assert {f.kind for f in check_telemetry(wrong, model)} == {"sign"}
+
+
+def test_a_unit_that_is_wrong_everywhere_makes_no_episode_odd(tmp_path):
+    """Though torques, of angles 57 times as large, balance in none."""
+    example = make_example("pendulum", tmp_path)
+    recording = read(example.recording)
+    wrong = _edit(recording, lambda t, x: np.rad2deg(x), "hinge_position")
+    episodes = {
+        k: replace(e, ctrl=np.rad2deg(e.ctrl)) for k, e in wrong.episodes.items()
+    }
+    faults = check_telemetry(
+        replace(wrong, episodes=episodes),
+        mujoco.MjModel.from_xml_path(str(example.model)),
+    )
+    assert {f.kind for f in faults} == {"unit"}
+    assert {f.episodes for f in faults} == {tuple(recording.episodes)}
 
 
 def test_an_episode_with_a_load_is_told(arm_with_a_load):

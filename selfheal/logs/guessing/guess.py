@@ -13,7 +13,13 @@ from ...recording import NO_ACTUATORS
 from ..base import Log, Stream
 from ..log_map import COMMAND, LogMap
 from ..model_facts import Place, format_servo, group_places, list_places
-from ..motion import Relation, find_zero_rows, measure_share_inside, sample_log
+from ..motion import (
+    Relation,
+    Sample,
+    find_zero_rows,
+    measure_share_inside,
+    sample_log,
+)
 from ..units import get_unit
 from .assignment import (
     Column,
@@ -143,7 +149,21 @@ def guess_map(log: Log, model: "mujoco.MjModel", preset: LogMap | None = None) -
             "motors were told: look whether they are torques, or currents"
         )
     found.remarks += _list_remarks(found, matches, by_kind, model, relations)
+    found.remarks += _list_texts(found, samples)
     return found
+
+
+def _list_texts(found: Guess, samples: Mapping[str, Sample]) -> list[str]:
+    """A remark on columns of texts, where something of the model has no column."""
+    texts = [
+        name
+        for stream, sample in samples.items()
+        for name in sample.texts
+        if f"{stream}:{name}" not in found.time.taken
+    ]
+    if not texts or not (found.missing or found.unread):
+        return []
+    return [f"columns that hold texts are not used: {join_names(texts)}"]
 
 
 def _leave_out_zeros(
@@ -359,8 +379,10 @@ def _list_remarks(
     counts = Counter(
         line.kind for line in found.lines for sure in line.sure if sure < 0.7
     )
-    said += [f"{n} columns of {kind} are less than 70 % sure: look at their comments"
-             for kind, n in counts.items()]  # fmt: skip
+    said += [
+        f"{n} column{'s' * (n > 1)} of {kind} less than 70 % sure: see LOOK above"
+        for kind, n in counts.items()
+    ]
     return said
 
 

@@ -80,7 +80,7 @@ def _format_time(guess: Guess) -> list[str]:
             lines += _format_clock(clock, guess.time.notes[name][0])
     for name, (sure, why) in guess.time.notes.items():
         said = " LOOK:" * (not sure) + f" {name}:" * bool(name)
-        lines += _comment(f"{sure:.0%} sure:{said} {why}")
+        lines += _comment(f"{_format_sure(sure)} sure:{said} {why}")
     rule = guess.time.episodes
     if rule.column or rule.gap:
         lines += ["", "[episodes]"]
@@ -177,8 +177,14 @@ def _explain(line: GuessedLine) -> list[str]:
     for (why, is_doubtful), members in groups.items():
         names = ", ".join(line.targets[k] for k in members)
         mark = " LOOK:" * is_doubtful + f" {names}:" * (len(groups) > 1)
-        said += _comment(f"{min(line.sure[k] for k in members):.0%} sure:{mark} {why}")
+        least = _format_sure(min(line.sure[k] for k in members))
+        said += _comment(f"{least} sure:{mark} {why}")
     return said
+
+
+def _format_sure(sure: float) -> str:
+    """Percent, rounded down: what is called less than 70 % sure reads as 69%."""
+    return f"{int(100 * sure + 1e-9)}%"
 
 
 def _comment(text: str) -> list[str]:
