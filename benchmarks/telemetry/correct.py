@@ -114,8 +114,11 @@ def correct(files: Files, faults: list[Fault], recording: Recording) -> None:
         for new in changed.get(number, [rule])
     ]
     files.log_map = replace(files.log_map, signals=rules)
-    for one in (c for fault in faults for c in fault.corrections):
-        _follow(files, one)
+    for fault in faults:
+        # words beside an element say how else it could be written
+        elements = [c for c in fault.corrections if isinstance(c, ModelCorrection)]
+        for one in elements or fault.corrections:
+            _follow(files, one)
 
 
 def _follow(files: Files, one: Correction) -> None:
