@@ -6,6 +6,7 @@ states and that is hidden from who identifies it.
 
 import fnmatch
 import importlib.util
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -123,7 +124,7 @@ class Description:
             whose names fit.
         actions: that it offers.
         body: of a simulated robot: by part, what it hangs on and at which side of
-            that, as "torso left".
+            that, as "torso left" or, a fifth along that side, "torso left 0.2".
         driver: FILE.py:CLASS of the real one, beside the description.
         ordered: whether a part hangs on the torso or on one that is listed before it.
     """
@@ -292,6 +293,17 @@ def list_actions(described: Description, anatomy: Anatomy) -> Floats:
     return list_actions_2006(anatomy.size) * scale
 
 
+def _parse_place(part: str, place: str) -> tuple[str, str, float]:
+    """What a part hangs on, at which side, and how far along it [1]."""
+    match = re.fullmatch(r"(.+?) (\w+)(?: (0?\.\d+))?", place)
+    if match is None:
+        raise InputError(
+            f"body: {part} = {quote_name(place)}; would fit: torso left, or torso left "
+            "0.2 for a place near the side's beginning, clockwise as seen from above"
+        )
+    return match[1], match[2], float(match[3] or 0.5)
+
+
 def build_truth(described: Description, anatomy: Anatomy) -> Bodies | None:
     """The body that a description states, None where it states none.
 
@@ -304,14 +316,14 @@ def build_truth(described: Description, anatomy: Anatomy) -> Bodies | None:
     if missing := {*anatomy.parts} ^ {*described.body}:
         raise InputError(f"body and parts differ in {join_names(sorted(missing))}")
     for i, part in enumerate(anatomy.parts):
-        on, _, side = described.body[part].rpartition(" ")
+        on, side, share = _parse_place(part, described.body[part])
         places = ("torso", *anatomy.parts[: i if anatomy.ordered else anatomy.size])
         if on not in places:
             raise UnknownNameError(f"place of {part}", on, places)
         if side not in SIDES:
             raise UnknownNameError(f"side of {on}", side, SIDES)
         parent.append(places.index(on))
-        placement.append((SIDES.index(side) + 0.5) / 4)
+        placement.append((SIDES.index(side) + share) / 4)
     genomes = encode_tree(anatomy, np.array(parent), np.array(placement))
     if not is_tree(genomes.parent)[0]:
         raise InputError("a part of the body hangs on itself in the end")
