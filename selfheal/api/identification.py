@@ -3,6 +3,7 @@
 import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
@@ -143,6 +144,7 @@ def _finish_run(
     on_step: "Callable[[Run], None]",
 ) -> "Run":
     """Cycle by cycle to the end, saved after each; then the body and the page."""
+    from ..report.picture import load_matplotlib
     from ..selfmodel.loop import check_same_robot, identify_body
     from ..selfmodel.run import save_run
 
@@ -150,23 +152,29 @@ def _finish_run(
     robot = _open_robot(robot, run.settings)
     check_same_robot(run, robot)
     on_step(run)
-    for step in identify_body(robot, run.settings, run=run, progress=progress):
-        run = step
-        if "seconds" in run.result:  # it was finished before
-            break
-        if run.result:
-            seconds = round(before + time.perf_counter() - start, 1)
-            files: dict[str, object] = {"seconds": seconds}
+    with ThreadPoolExecutor(1) as beside:
+        if path:  # the page need not wait for it then
+            beside.submit(load_matplotlib)
+        for step in identify_body(robot, run.settings, run=run, progress=progress):
+            run = step
+            if "seconds" in run.result:  # it was finished before
+                break
+            if run.result:
+                seconds = round(before + time.perf_counter() - start, 1)
+                files = _write_model(run, path) if path else {}
+                run = replace(run, result={**run.result, "seconds": seconds, **files})
             if path:
-                model = write_best_model(run, path)
-                files |= {"run": str(path.absolute()), "model": str(model.absolute())}
-            run = replace(run, result={**run.result, **files})
-        if path:
-            save_run(run, path)
-        on_step(run)
+                save_run(run, path)
+            on_step(run)
     if path:
         write_identify_report(run, path)
     return run
+
+
+def _write_model(run: "Run", path: Path) -> dict[str, str]:
+    """Write the best body, and name the run's files as its result does."""
+    model = write_best_model(run, path)
+    return {"run": str(path.absolute()), "model": str(model.absolute())}
 
 
 def write_best_model(run: "Run", path: Path) -> Path:

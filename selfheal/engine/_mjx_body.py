@@ -66,6 +66,12 @@ def list_sphere_owners(anatomy: Anatomy) -> tuple[int, ...]:
     return (*[0] * 8, *moving, *moving, *np.repeat(housed, 8).tolist())
 
 
+def list_row_shapes(size: int, spheres: int) -> list[tuple[int, ...]]:
+    """Shapes of the fields of `Parts` of one body of `size` parts; parents first."""
+    part, place, sphere = (size,), (size, 3), (spheres,)
+    return [part, place, part, place, part, part, place, (spheres, 3), sphere]
+
+
 def pack_parts(bodies: Bodies) -> Parts:
     """Turn bodies into arrays for the device; see `Parts`."""
     a, scale = bodies.anatomy, bodies.thickness

@@ -12,9 +12,8 @@ from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
 @numba.njit(inline="always", **JIT)
-def _write_rotation(axis, angle, out):
-    """Rotation matrix about a unit axis (Rodrigues)."""
-    c, s = np.cos(angle), np.sin(angle)
+def _write_rotation(axis, c, s, out):
+    """Rotation matrix about a unit axis, of an angle's cosine and sine (Rodrigues)."""
     x, y, z = axis[0], axis[1], axis[2]
     d = 1.0 - c
     out[0, 0] = c + x * x * d
@@ -29,7 +28,18 @@ def _write_rotation(axis, angle, out):
 
 
 @numba.njit(**JIT)
-def _place_parts(body, q, frames, spots):
+def compute_swing(q, steps):
+    """(steps, P, 2) cosine and sine of joint angles from 0 to q (P) in sub-steps."""
+    swing = np.empty((steps, q.shape[0], 2))
+    for step in range(1, steps + 1):
+        for i in range(q.shape[0]):
+            angle = q[i] * step / steps
+            swing[step - 1, i, 0], swing[step - 1, i, 1] = np.cos(angle), np.sin(angle)
+    return swing
+
+
+@numba.njit(**JIT)
+def _place_parts(body, swing, frames, spots):
     """Fill in rotations and origins of torso and parts, in the torso's frame."""
     parent, anchor, mount, axis = body[0], body[1], body[2], body[3]
     p = parent.shape[0]
@@ -49,7 +59,7 @@ def _place_parts(body, q, frames, spots):
         left -= 1
         up = frames[parent[i]]
         at = mount[i]
-        _write_rotation(axis[i], q[i], turn)
+        _write_rotation(axis[i], swing[i, 0], swing[i, 1], turn)
         own = frames[i + 1]
         for r in range(3):
             ax = up[r, 0] * at[0, 0] + up[r, 1] * at[1, 0] + up[r, 2] * at[2, 0]
@@ -66,14 +76,14 @@ def _place_parts(body, q, frames, spots):
 
 
 @numba.njit(**JIT)
-def pose_body(body, known, q, points, com, frames, spots):
+def pose_body(body, known, swing, points, com, frames, spots):
     """Fill in points of contact and center of mass of a body, in the torso's frame.
 
     Args:
         body: fields of one body, see `_settle.settle_batch`.
         known: torso_half, torso_mass, block_half, block_center, block_mass.
-        q: (P) joint angles [rad].
-        points: (8 + 10 P, 3) to fill, the torso's corners first [m].
+        swing: (P, 2) cosine and sine of the joint angles.
+        points: (3, 8 + 10 P) to fill, the torso's corners first [m].
         com: (3) to fill: center of mass [m].
         frames: (P + 1, 3, 3) to fill: rotations of torso and parts.
         spots: (P + 1, 3) to fill: their origins [m].
@@ -83,7 +93,7 @@ def pose_body(body, known, q, points, com, frames, spots):
     """
     parent, anchor, mount, axis, length, thickness, mass = body
     torso_half, torso_mass, block_half, block_center, block_mass = known
-    _place_parts(body, q, frames, spots)
+    _place_parts(body, swing, frames, spots)
     p = parent.shape[0]
     for i in range(3):
         com[i] = 0.0
@@ -97,8 +107,8 @@ def pose_body(body, known, q, points, com, frames, spots):
         total += weight
         for r in range(3):
             com[r] += weight * spots[i + 1, r] + lever * own[r, 0]
-            points[k, r] = spots[i + 1, r]
-            points[k + 1, r] = spots[i + 1, r] + length[i] * own[r, 0]
+            points[r, k] = spots[i + 1, r]
+            points[r, k + 1] = spots[i + 1, r] + length[i] * own[r, 0]
         k += 2
         if block_mass[i] > 0.0:
             for corner in range(8):
@@ -106,7 +116,7 @@ def pose_body(body, known, q, points, com, frames, spots):
                 y = block_half[i, 1] * (1 if corner & 2 else -1)
                 z = block_half[i, 2] * (1 if corner & 4 else -1)
                 for r in range(3):
-                    points[k, r] = spots[i + 1, r] + thickness[i] * (
+                    points[r, k] = spots[i + 1, r] + thickness[i] * (
                         own[r, 0] * x + own[r, 1] * y + own[r, 2] * z
                     )
                 k += 1
@@ -207,13 +217,14 @@ def sense_batch(
         out: (N, C) to fill.
     """
     p = q.shape[1]
-    points, com = np.empty((8 + 10 * p, 3)), np.empty(3)
+    points, com = np.empty((3, 8 + 10 * p)), np.empty(3)
     frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
     for row in range(q.shape[0]):
         body = (
             parent[row], anchor[row], mount[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        pose_body(body, known, q[row], points, com, frames, spots)
+        swing = compute_swing(q[row], 1)[0]
+        pose_body(body, known, swing, points, com, frames, spots)
         posed = frames, spots, up[row]
         sense(body, known, radius, channels, height[row], posed, out[row])

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from ._hull import JIT, find_nearest_on_hull
-from ._sense import pose_body, sense
+from ._sense import compute_swing, pose_body, sense
 
 _CONTACT_TOLERANCE = 1e-5  # [m] points within this of the floor are contacts; chosen
 _MOST_TIPS = 60  # at most this many tips a sub-step; chosen (2 on average)
@@ -25,14 +25,15 @@ def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
     Heights of the center of mass above each point, axes e1 and e2 of the floor, the
     touching points and where they lie on these axes, seen from the center of mass.
     """
-    height = -1e30
     lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
+    n0, n1, n2 = n[0], n[1], n[2]
+    x, y, z = points[0], points[1], points[2]
     for k in range(m):
-        h = radii[k] + lift
-        h -= n[0] * points[k, 0] + n[1] * points[k, 1] + n[2] * points[k, 2]
-        heights[k] = h
-        if h > height:
-            height = h
+        heights[k] = (radii[k] + lift) - (n0 * x[k] + n1 * y[k] + n2 * z[k])
+    height = -1e30
+    for k in range(m):
+        if heights[k] > height:
+            height = heights[k]
     if abs(n[2]) < 0.7:
         e1[0], e1[1], e1[2] = n[1], -n[0], 0.0
     else:
@@ -49,7 +50,7 @@ def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
             touching[c] = k
             flat[c, 0] = flat[c, 1] = 0.0
             for r in range(3):
-                d = points[k, r] - com[r]
+                d = points[r, k] - com[r]
                 flat[c, 0] += d * e1[r]
                 flat[c, 1] += d * e2[r]
             c += 1
@@ -74,7 +75,7 @@ def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, 
     i1 = touching[simplex[1]]
     dd, dn = 0.0, 0.0
     for r in range(3):
-        base[r] = points[i1, r] - points[i0, r]
+        base[r] = points[r, i1] - points[r, i0]
         dd += base[r] ** 2
     s = 1.0 / np.sqrt(dd)
     for r in range(3):
@@ -85,7 +86,7 @@ def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, 
     v[2] = base[0] * n[1] - base[1] * n[0]
     rise = 0.0
     for r in range(3):
-        rise += v[r] * (points[i0, r] - com[r])
+        rise += v[r] * (points[r, i0] - com[r])
         base[r] *= dn
     if rise < 0.0:
         for r in range(3):
@@ -93,37 +94,42 @@ def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, 
 
 
 @numba.njit(**JIT)
-def _find_next_contact(points, radii, m, n, i0, base, v, heights, height):
+def _find_next_contact(points, radii, m, n, i0, base, v, heights, height, turns):
     """The first other point to touch: gap(t) = g - a cos t - b sin t falls to zero.
 
-    Returns its place in the order of touching, 2 where there is none, and the cosine
-    and sine of the rotation's angle.
+    Fills in `turns`: cosine and sine of the angle at which each point touches, and its
+    place in the order of touching, 2 and more where it does not. Without branches, the
+    loop takes several points at a time. Returns the point, -1 where there is none.
     """
-    first, ct, st = 2.0, -1.0, 0.0
+    x, y, z = points[0], points[1], points[2]
+    cosine, sine, order = turns[0], turns[1], turns[2]
     wx, wy, wz = n[0] - base[0], n[1] - base[1], n[2] - base[2]
+    vx, vy, vz = v[0], v[1], v[2]
+    bx, by, bz = base[0], base[1], base[2]
+    x0, y0, z0, r0 = x[i0], y[i0], z[i0], radii[i0]
     for j in range(m):
-        dx = points[i0, 0] - points[j, 0]
-        dy = points[i0, 1] - points[j, 1]
-        dz = points[i0, 2] - points[j, 2]
+        dx, dy, dz = x0 - x[j], y0 - y[j], z0 - z[j]
         a = wx * dx + wy * dy + wz * dz
-        b = v[0] * dx + v[1] * dy + v[2] * dz
-        g = radii[i0] - radii[j] - base[0] * dx - base[1] * dy - base[2] * dz
+        b = vx * dx + vy * dy + vz * dz
+        g = r0 - radii[j] - bx * dx - by * dy - bz * dz
         norm2 = a * a + b * b
-        if norm2 <= g * g or norm2 < 1e-18:
-            continue
         # t = atan2(b, a) - acos(g / norm) is the root where the gap closes
-        root = np.sqrt(norm2 - g * g)
+        root = np.sqrt(max(norm2 - g * g, 0.0))
         cj, sj = (a * g + b * root) / norm2, (b * g - a * root) / norm2
-        order = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # grows with t in [0, 2 pi)
-        if order < first:
-            if order < 1e-12 and heights[j] > height - _CONTACT_TOLERANCE:
+        cosine[j], sine[j] = cj, sj
+        grows = 1.0 - cj if sj >= 0.0 else 3.0 + cj  # with t in [0, 2 pi)
+        order[j] = 9.0 if norm2 <= g * g or norm2 < 1e-18 else grows
+    first, least = -1, 2.0
+    for j in range(m):
+        if order[j] < least:
+            if order[j] < 1e-12 and heights[j] > height - _CONTACT_TOLERANCE:
                 continue  # already touching, and rolling along
-            first, ct, st = order, cj, sj
-    return first, ct, st
+            first, least = j, order[j]
+    return first
 
 
 @numba.njit(**JIT)
-def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
+def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex, turns):
     """Tip in place until the contacts carry the center of mass. Returns H(n)."""
     base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     height = 0.0
@@ -138,12 +144,12 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex):
             return height
         _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, v)
         i0 = touching[simplex[0]]
-        first, ct, st = _find_next_contact(
-            points, radii, m, n, i0, base, v, heights, height
+        first = _find_next_contact(
+            points, radii, m, n, i0, base, v, heights, height, turns
         )
-        if first >= 2.0:
+        if first < 0:
             return height
-        s = 0.0
+        ct, st, s = turns[0, first], turns[1, first], 0.0
         for r in range(3):
             n[r] = base[r] + (n[r] - base[r]) * ct + v[r] * st
             s += n[r] ** 2
@@ -158,9 +164,9 @@ def _fill_contact_spheres(known, radius, thickness, points, radii):
     """Fill in the torso's corners and the radius of every contact sphere."""
     torso_half, block_mass = known[0], known[4]
     for corner in range(8):
-        points[corner, 0] = torso_half[0] * (1 if corner & 1 else -1)
-        points[corner, 1] = torso_half[1] * (1 if corner & 2 else -1)
-        points[corner, 2] = torso_half[2] * (1 if corner & 4 else -1)
+        points[0, corner] = torso_half[0] * (1 if corner & 1 else -1)
+        points[1, corner] = torso_half[1] * (1 if corner & 2 else -1)
+        points[2, corner] = torso_half[2] * (1 if corner & 4 else -1)
         radii[corner] = 0.0
     k = 8
     for i in range(radius.shape[0]):
@@ -175,41 +181,41 @@ def _fill_contact_spheres(known, radius, thickness, points, radii):
 def _allocate_scratch(p):
     """Room for the contact radii, and the `work` of `settle`, of a body of p parts."""
     size = 8 + 10 * p
-    points, com, radii = np.empty((size, 3)), np.empty(3), np.empty(size)
+    points, com, radii = np.empty((3, size)), np.empty(3), np.empty(size)
     frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
     heights, touching = np.empty(size), np.empty(size, np.int64)
     flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
-    n, angles = np.empty(3), np.empty(p)
-    work = (points, com, frames, spots, heights, touching, flat, simplex, n, angles)
+    n, turns = np.empty(3), np.empty((3, size))
+    work = (points, com, frames, spots, heights, touching, flat, simplex, n, turns)
     return radii, work
 
 
 @numba.njit(**JIT)
-def settle_body(body, known, q, steps, radii, work):
-    """Settle one body while its joints move from 0 to q in sub-steps.
+def settle_body(body, known, swing, falls, radii, work):
+    """Settle one body while its joints move from 0 to their targets in sub-steps.
 
     Args:
         body: fields of one body, see `settle_batch`.
         known: torso_half, torso_mass, block_half, block_center, block_mass.
-        q: (P) joint angles after the ramp [rad].
-        steps: sub-steps of the ramp; 0 for a robot that is bolted down.
+        swing: (steps, P, 2) cosine and sine of its joint angles after each sub-step.
+        falls: whether it settles; else it is bolted down, and only posed.
         radii: (8 + 10 P) radius of each contact point, the torso's corners first [m].
         work: arrays of `_allocate_scratch`; the vertical is left in it.
 
     Returns:
         Height of the torso's center above the floor [m].
     """
-    points, com, frames, spots, heights, touching, flat, simplex, n, angles = work
+    points, com, frames, spots, heights, touching, flat, simplex, n, turns = work
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
     height = 0.0
-    if steps == 0:  # bolted down: it stands as it is put
-        pose_body(body, known, q, points, com, frames, spots)
+    if not falls:  # it stands as it is put
+        pose_body(body, known, swing[-1], points, com, frames, spots)
         return known[0][2]
-    for step in range(1, steps + 1):
-        for i in range(q.shape[0]):
-            angles[i] = q[i] * step / steps
-        m = pose_body(body, known, angles, points, com, frames, spots)
-        height = _tip_over(points, radii, com, m, n, heights, touching, flat, simplex)
+    for step in range(swing.shape[0]):
+        m = pose_body(body, known, swing[step], points, com, frames, spots)
+        height = _tip_over(
+            points, radii, com, m, n, heights, touching, flat, simplex, turns
+        )
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
@@ -243,7 +249,8 @@ def settle_batch(
             thickness[row], mass[row],
         )  # fmt: skip
         _fill_contact_spheres(known, radius, thickness[row], points, radii)
-        height = settle_body(body, known, q[row], steps, radii, work)
+        swing = compute_swing(q[row], max(steps, 1))
+        height = settle_body(body, known, swing, steps > 0, radii, work)
         for r in range(3):
             out[row, r] = n[r]
         out[row, 3] = height
@@ -286,6 +293,10 @@ def race_batch(
     radii, work = _allocate_scratch(targets.shape[1])
     points, n, seen = work[0], work[8], np.empty(felt.shape[1])
     posed = work[2], work[3], n
+    count, p = targets.shape
+    swing = np.empty((count, max(steps, 1), p, 2))
+    for k in range(count):
+        swing[k] = compute_swing(targets[k], max(steps, 1))
     for row in range(bound.shape[0]):
         body = (
             parent[row], anchor[row], mount[row], axis[row], length[row],
@@ -299,7 +310,7 @@ def race_batch(
             if not total < bound[row, k]:
                 break
             action = order[row, k]
-            height = settle_body(body, known, targets[action], steps, radii, work)
+            height = settle_body(body, known, swing[action], steps > 0, radii, work)
             sense(body, known, radius, channels, height, posed, seen)
             loss = 0.0
             for c in range(seen.shape[0]):

@@ -7,18 +7,21 @@ an anatomy.
 """
 
 import functools
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats
 from ._jax import prepare_jax
 from ._mjx_body import (
     Parts,
     compute_torso_constants,
+    list_row_shapes,
     list_sphere_owners,
     pack_parts,
     plan_motion,
 )
+from ._program_cache import keep_exported, read_exported
 from .readings import Readings, compute_readings
 
 # Joints move from 0 to their target, then hold [s]. Chosen: the fastest that rests
@@ -66,19 +69,45 @@ class Mjx:
         rest[~((sizes > 0).all(axis=1) & (rest[:, 4] < FASTEST))] = np.nan
         return compute_readings(bodies, rest[:, :3], rest[:, 3], rest[:, 5:], targets)
 
+    def prepare(self, anatomy: Anatomy) -> bool:
+        """Load what an earlier run compiled for an anatomy; may run in any thread.
+
+        Returns:
+            Whether there was something; else `compile` has to do it.
+        """
+        kept = self._describe_program(anatomy).is_kept()
+        if kept:
+            self.compile(anatomy)
+        return kept
+
+    def compile(self, anatomy: Anatomy) -> Any:
+        """The compiled batch of simulations of an anatomy.
+
+        In the main thread alone where none is kept: tracing imports MJX, while which
+        nothing reaches standard output.
+        """
+        return _compile_program(self._describe_program(anatomy))
+
+    def _describe_program(self, a: Anatomy) -> "_Program":
+        """What is compiled for an anatomy."""
+        devices, batch = prepare_jax().devices(), self.batch
+        return _Program(
+            a.size, list_sphere_owners(a), a.feet, self.ramp, self.hold, batch,
+            max(n for n in range(1, len(devices) + 1) if batch % n == 0),
+            devices[0].platform,
+        )  # fmt: skip
+
     def _simulate_to_rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""
         a = bodies.anatomy
         batch = self.batch
-        program = _compile_program(
-            list_sphere_owners(a), a.feet, self.ramp, self.hold, batch
-        )
-        rows, torso = (*pack_parts(bodies), targets), compute_torso_constants(a)
+        program = self.compile(a)
+        rows = *pack_parts(bodies), targets
+        same = [np.float32(x) for x in (compute_torso_constants(a), a.torso_half[2])]
         results = []
         for start in range(0, len(bodies), batch):  # queued; the devices work meanwhile
             chunk = [_pad_rows(x[start : start + batch], batch) for x in rows]
-            result = program(Parts(*chunk[:-1]), chunk[-1], torso, a.torso_half[2])
-            results.append(result)
+            results.append(program(*chunk, *same))
         rest = np.empty((len(results) * batch, 5 + len(a.feet)))
         for i, result in enumerate(results):
             rest[i * batch : (i + 1) * batch] = result
@@ -92,24 +121,102 @@ def _pad_rows(rows, count: int):
     return np.pad(rows.astype(kind), padding, mode="edge")
 
 
-@functools.cache
-def _compile_program(owner: tuple, feet: tuple, ramp: float, hold: float, batch: int):
-    """The compiled batch of simulations of anatomies with these contact spheres."""
-    jax = prepare_jax()
-    from jax.sharding import Mesh, PartitionSpec
+class _Program(NamedTuple):
+    """All that a compiled batch of simulations depends on, beside its code.
 
-    count = max(n for n in range(1, len(jax.devices()) + 1) if batch % n == 0)
-    simulate = functools.partial(_simulate_body, owner, feet, ramp, hold)
-    shared, split = PartitionSpec(), PartitionSpec("rows")
-    return jax.jit(
-        jax.shard_map(
+    Attributes:
+        size: number of moving parts.
+        owner: part of each contact sphere.
+        feet: parts whose tips are measured.
+        ramp: [s] joints move from 0 to their target.
+        hold: [s] then hold.
+        batch: rows in a call.
+        devices: that share them.
+        platform: of the devices.
+    """
+
+    size: int
+    owner: tuple[int, ...]
+    feet: tuple[int, ...]
+    ramp: float
+    hold: float
+    batch: int
+    devices: int
+    platform: str
+
+    def is_kept(self) -> bool:
+        """Whether an earlier run left it, so that it need not be traced."""
+        return read_exported(self) is not None
+
+    def trace(self) -> Any:
+        """The program as `jax.export` has it: rows of `Parts`, targets and a torso."""
+        jax = prepare_jax()
+        from jax import export
+
+        simulate = functools.partial(
+            _simulate_body, self.owner, self.feet, self.ramp, self.hold
+        )
+        split, shared = self._list_specs()
+        program = jax.shard_map(
             jax.vmap(simulate, in_axes=(0, 0, None, None)),
-            mesh=Mesh(np.array(jax.devices()[:count]), ("rows",)),
+            mesh=self._make_mesh(),
             in_specs=(split, split, shared, shared),
             out_specs=split,
             check_vma=False,
         )
-    )
+        flat = jax.jit(
+            lambda *x: program(Parts(*x[:-3]), *x[-3:]), **self._place_arrays()
+        )
+        return export.export(flat)(*self._list_arrays())
+
+    def compile(self) -> Any:
+        """The program for this machine's devices, traced if no earlier run did it."""
+        jax = prepare_jax()
+        traced = read_exported(self) or keep_exported(self, self.trace())
+        placed = jax.jit(traced.call, **self._place_arrays())
+        return placed.lower(*self._list_arrays()).compile()
+
+    def _list_arrays(self) -> list[Any]:
+        """Shapes and types of the program's arrays."""
+        from jax import ShapeDtypeStruct
+
+        rows = (*list_row_shapes(self.size, len(self.owner)), (self.size,))
+        kinds = [np.int32, *[np.float32] * (len(rows) - 1)]  # parents come first
+        return [
+            *(ShapeDtypeStruct((self.batch, *shape), kind)
+              for shape, kind in zip(rows, kinds, strict=True)),
+            ShapeDtypeStruct((4,), np.float32), ShapeDtypeStruct((), np.float32),
+        ]  # fmt: skip
+
+    def _make_mesh(self) -> Any:
+        from jax.sharding import Mesh
+
+        devices = prepare_jax().devices()
+        return Mesh(np.array(devices[: self.devices]), ("rows",))
+
+    @staticmethod
+    def _list_specs() -> tuple[Any, Any]:
+        """How arrays of rows, and others, are spread over the devices."""
+        from jax.sharding import PartitionSpec
+
+        return PartitionSpec("rows"), PartitionSpec()
+
+    def _place_arrays(self) -> dict[str, Any]:
+        """Where the program's arrays lie: rows split among the devices."""
+        from jax.sharding import NamedSharding
+
+        split, shared = (
+            NamedSharding(self._make_mesh(), x) for x in self._list_specs()
+        )
+        count = len(self._list_arrays()) - 2
+        return {"in_shardings": (*[split] * count, shared, shared),
+                "out_shardings": split}  # fmt: skip
+
+
+@functools.cache
+def _compile_program(program: _Program) -> Any:
+    """The compiled program, once in a process."""
+    return program.compile()
 
 
 def _simulate_body(owner, feet, ramp, hold, body: Parts, target, torso, height):

@@ -60,8 +60,9 @@ def compute_readings(
     tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
     touch = (tips < TOUCH_HEIGHT).astype(float)
     angles, channels = np.array(angles, float), np.empty((len(up), len(columns)))
+    packed, known = pack_inputs(bodies)
     sense_batch(
-        *pack_inputs(bodies, slice(None)), angles, np.ascontiguousarray(up),
+        *packed, *known, angles, np.ascontiguousarray(up),
         np.ascontiguousarray(height), columns.columns, channels,
     )  # fmt: skip
     for values in (tilt, clearance, touch, angles, channels):
@@ -69,13 +70,12 @@ def compute_readings(
     return Readings(tilt, clearance, touch, angles, channels, failed)
 
 
-def pack_inputs(bodies: Bodies, rows: slice) -> tuple:
-    """Rows of a batch as the kernels take them."""
+def pack_inputs(bodies: Bodies) -> tuple[tuple, tuple]:
+    """A batch as the kernels take it: arrays of N rows, and what all rows share."""
     a = bodies.anatomy
-    return (
-        bodies.parent[rows], bodies.anchor[rows], compute_mounts(bodies[rows]),
-        bodies.axis[rows], bodies.length[rows], bodies.thickness[rows],
-        bodies.mass[rows],
-        (a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass),
-        a.radius,
+    rows = (
+        bodies.parent, bodies.anchor, compute_mounts(bodies), bodies.axis,
+        bodies.length, bodies.thickness, bodies.mass,
     )  # fmt: skip
+    known = a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass
+    return rows, (known, a.radius)

@@ -1,7 +1,9 @@
 """Quasi-static engine: bodies and joint targets in, settled readings out."""
 
+import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -11,9 +13,8 @@ from ..machine import count_cores
 from .channels import list_channels
 from .readings import Readings, compute_readings, pack_inputs
 
-_LEAST_ROWS_PER_THREAD = (
-    64  # rows; starting a thread costs about as much as settling these
-)
+# rows; handing work to a thread costs about as much as settling half of these
+_LEAST_ROWS_PER_THREAD = 16
 
 
 class Statics:
@@ -41,10 +42,12 @@ class Statics:
         a = bodies.anatomy
         targets = np.ascontiguousarray(targets, float)
         out = np.empty((len(bodies), 4 + a.size))
+        packed, known = pack_inputs(bodies)
 
         def run(rows: slice) -> None:
             settle_batch(
-                *pack_inputs(bodies, rows), targets[rows], self._count_substeps(a),
+                *(x[rows] for x in packed), *known, targets[rows],
+                self._count_substeps(a),
                 out[rows],
             )  # fmt: skip
 
@@ -88,11 +91,12 @@ class Statics:
         each = np.empty((len(bodies), len(targets)))
         channels = list_channels(bodies.anatomy)
         steps = self._count_substeps(bodies.anatomy)
+        packed, known = pack_inputs(bodies)
 
         def run(rows: slice) -> None:
             race_batch(
-                *pack_inputs(bodies, rows), targets, felt, weight, cap, order[rows],
-                bound[rows], steps, channels.columns, each[rows],
+                *(x[rows] for x in packed), *known, targets, felt, weight, cap,
+                order[rows], bound[rows], steps, channels.columns, each[rows],
             )  # fmt: skip
 
         self._run_in_threads(run, len(bodies))
@@ -104,5 +108,15 @@ class Statics:
             run(slice(None))
             return
         edges = np.linspace(0, count, self.threads + 1).astype(int)
-        with ThreadPoolExecutor(self.threads) as pool:
-            list(pool.map(run, [slice(*edge) for edge in pairwise(edges.tolist())]))
+        first, *others = (slice(*edge) for edge in pairwise(edges.tolist()))
+        pool = _open_pool(self.threads - 1, os.getpid())
+        handed = [pool.submit(run, rows) for rows in others]
+        run(first)
+        for work in handed:
+            work.result()
+
+
+@cache
+def _open_pool(threads: int, _: int) -> ThreadPoolExecutor:
+    """The threads of a process; a fork of it does not share them."""
+    return ThreadPoolExecutor(threads)

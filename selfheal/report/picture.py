@@ -61,6 +61,12 @@ def use_page_style() -> Iterator[None]:
         yield
 
 
+def load_matplotlib() -> None:
+    """Import what figures need, which takes longer than to draw one."""
+    import matplotlib.backends.backend_svg
+    import matplotlib.figure  # noqa: F401
+
+
 def make_canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
     """A figure that is one drawing: x from 0 to `wide`, y from `-high` to 0."""
     from matplotlib.figure import Figure

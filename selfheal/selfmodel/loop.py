@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,14 @@ from .evaluate import Evaluator, Evidence
 from .explore import measure_disagreement
 from .paper import PaperSearch
 from .run import Cycle, Run, Settings, uses_second_engine
-from .space import find_space, keep_others, make_genome_key
+from .second_engine import Question, SecondEngine
+from .space import find_space, keep_others
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
 _MOST_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
+# Cycles that the search may be ahead of mjx, which starts in the time of about five
+# early ones; chosen
+_MOST_WAITING = 6
 _MOST_RECORDED = 16  # rivals kept in a cycle's record; chosen
 # Chosen on simulated robots: until reading n of N the search spends a share of its
 # simulations of ((n^2 + n) / (N^2 + N)) to this power, the second one where hinges are
@@ -103,41 +107,25 @@ def check_same_robot(run: Run, robot: Robot) -> None:
             )
 
 
-class _SecondEngine:
-    """A second engine's view of the best rivals; every prediction is made once."""
+@dataclass(frozen=True)
+class _Searched:
+    """A cycle whose search is over; a second engine may not have confirmed it yet.
 
-    def __init__(self, engine: Any, evaluator: Evaluator) -> None:
-        self.engine, self.evaluator = engine, evaluator
-        self.known: dict[bytes, Floats] = {}
-        self.spent = 0
+    Attributes:
+        cycle: its record; of the rivals only by the search's own order and losses.
+        evidence: n actions so far.
+        candidates: trees (M, P) that might be right, and belief (M) in them.
+        question: to the second engine about the best rivals, if there is one.
+        counts: simulations so far.
+        state: of the loop.
+    """
 
-    def compute_losses(
-        self, genomes: Genomes, tables: Floats, evidence: Evidence
-    ) -> Floats:
-        """(N) where the engines differ, the one nearer to the reading counts.
-
-        Such a pose is a coin's toss for the robot too; a right body must not lose by
-        it.
-        """
-        keys = [
-            (row, action, make_genome_key(genomes, row) + action.to_bytes(4, "little"))
-            for row in range(len(genomes))
-            for action in evidence.tried
-        ]
-        new = [k for k in keys if k[2] not in self.known]
-        if new:
-            rows, actions, names = zip(*new, strict=True)
-            bodies = build_bodies(self.evaluator.anatomy, genomes)[np.array(rows)]
-            seen = self.engine.simulate(bodies, self.evaluator.actions[list(actions)])
-            self.spent += len(new)
-            self.known.update(zip(names, seen.channels, strict=True))
-        shape = (len(genomes), len(evidence), evidence.measured.shape[1])
-        second = np.array([self.known[k] for _, _, k in keys]).reshape(shape)
-        first = tables[:, list(evidence.tried)]
-        loss, measured = self.evaluator.loss, evidence.measured
-        pair = [np.where(np.isnan(x).any(axis=2), np.inf, loss(x, measured))
-                for x in (first, second)]  # fmt: skip
-        return np.minimum(*pair).sum(axis=1)
+    cycle: Cycle
+    evidence: Evidence
+    candidates: tuple[Ints, Floats]
+    question: Question | None
+    counts: dict[str, int]
+    state: dict[str, Any]
 
 
 class _IdentifyLoop:
@@ -155,14 +143,14 @@ class _IdentifyLoop:
         self.strategy = _make_strategy(settings, self.evaluator)
         self.evaluator.loss = self.strategy.loss
         self.rng = np.random.default_rng([settings.seed, 10])
-        self.second: _SecondEngine | None = None
+        self.second: SecondEngine | None = None
         if uses_second_engine(settings, robot.anatomy):
-            self.second = _SecondEngine(make_engine("mjx"), self.evaluator)
-        self.channels = list_channels(robot.anatomy)
+            self.second = SecondEngine(make_engine("mjx"), self.evaluator)
+        self.channels, self.seconds = list_channels(robot.anatomy), 0.0
         self.evidence = Evidence.empty(len(self.channels))
 
-    def run_cycle(self, run: Run, before: float) -> Run:
-        """The run and one more cycle; `before` seconds were spent earlier."""
+    def search_cycle(self) -> _Searched:
+        """One action more, and the search on what it felt."""
         start = time.perf_counter()
         action, why = self.strategy.choose_action(self.evidence, self.rng)
         reading = read_rest_channels(self.robot.act(action), self.robot.anatomy)
@@ -174,95 +162,111 @@ class _IdentifyLoop:
         share = (n * (n + 1)) ** late, (cycles * (cycles + 1)) ** late
         limit = self.settings.budget * share[0] // share[1]
         self.strategy.search_bodies(self.evidence, limit, self.rng)
-        believed = self._rank_rivals()
-        seconds = before + time.perf_counter() - start
-        cycle = self._make_cycle(run, action, why, reading, *believed, seconds)
-        return run.with_cycle(
-            cycle, counts=self.count_simulations(), state=self.capture_state()
-        )
-
-    def _rank_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The rivals, best first, confirmed by a second engine if there is one."""
-        genomes, tables, losses = self.strategy.list_rivals()
-        order = np.arange(min(_MOST_RECORDED, len(losses)))
-        if self.second:
-            top = order[:_MOST_CONFIRMED]
-            losses = losses.copy()
-            losses[top] = self.second.compute_losses(
-                genomes[top], tables[top], self.evidence
-            )
-            costs = losses[top] + self.strategy.compute_prior(genomes[top])
-            order[: len(top)] = top[np.argsort(costs, kind="stable")]
-        if np.isnan(tables[order[:1]]).any():  # a method that keeps no tables
-            tables = tables.copy()
-            with self.evaluator.count_as_choice():
-                tables[order[:5]] = self.evaluator.compute_table(genomes[order[:5]])
-        return genomes[order], tables[order], losses[order]
-
-    def _make_cycle(
-        self,
-        run: Run,
-        action: int,
-        why: str,
-        reading: Floats,
-        genomes: Genomes,
-        tables: Floats,
-        losses: Floats,
-        seconds: float,
-    ) -> Cycle:
-        """The record of a cycle."""
-        tried = list(self.evidence.tried)
-        shown = self.channels.shown
-        gap = np.abs(tables[0, tried] - self.evidence.measured)[:, shown > 0]
-        left = np.setdiff1d(np.arange(len(self.robot.actions)), tried)
+        genomes, tables, losses = self._list_rivals()
+        left = np.setdiff1d(np.arange(len(self.robot.actions)), self.evidence.tried)
         foreseen, belief = self.strategy.predict_tables()
-        return Cycle(
+        shown = self.channels.shown
+        cycle = Cycle(
             action=action,
             why=why,
             felt=reading,
             genomes=genomes,
             tables=tables,
             losses=losses,
-            sureness=compute_attachment_probability(
-                *self.strategy.list_candidates(),
-                genomes.parent[0],
-                survived=_count_survived(run, genomes),
-                ordered=run.anatomy.ordered,
-            ),
-            tilt_error=float((gap * shown[shown > 0]).sum(axis=1).mean()),
+            sureness=np.full(self.robot.anatomy.size, np.nan),
+            tilt_error=np.nan,
             disagreement=measure_disagreement(
                 (foreseen * shown)[:, left][..., shown > 0], belief
             ),
             spent=self.evaluator.spent,
-            seconds=seconds,
+            seconds=np.nan,
+        )
+        question = None
+        if self.second:
+            top = np.arange(min(_MOST_CONFIRMED, len(losses)))
+            question = self.second.ask(genomes[top], tables[top], self.evidence)
+        candidates = self.strategy.list_candidates()
+        counts, state = self._count_simulations(), self._capture_search()
+        self.seconds += time.perf_counter() - start
+        return _Searched(cycle, self.evidence, candidates, question, counts, state)
+
+    def is_confirmed(self, searched: list[_Searched]) -> bool:
+        """Whether the first of these cycles need not wait, or has waited for long."""
+        question = searched[0].question
+        return not question or question.is_answered or len(searched) > _MOST_WAITING
+
+    def _list_rivals(self) -> tuple[Genomes, Floats, Floats]:
+        """The rivals that are recorded, best first, with tables of the best five."""
+        genomes, tables, losses = self.strategy.list_rivals()
+        best = np.arange(min(_MOST_RECORDED, len(losses)))
+        genomes, tables, losses = genomes[best], tables[best], losses[best]
+        if np.isnan(tables[:1]).any():  # a method that keeps no tables
+            with self.evaluator.count_as_choice():
+                tables[:5] = self.evaluator.compute_table(genomes[:5])
+        return genomes, tables, losses
+
+    def confirm_cycle(self, run: Run, searched: _Searched) -> Run:
+        """The run and one more cycle, its rivals ranked by the second engine too."""
+        start, cycle = time.perf_counter(), searched.cycle
+        counts, state = searched.counts, searched.state
+        if self.second and searched.question:
+            second = self.second.compute_losses(searched.question)
+            cycle = self._rank_rivals(cycle, second)
+            counts = counts | {"mjx": self.second.spent}
+            state = state | self.second.capture_state()
+        tried, measured = list(searched.evidence.tried), searched.evidence.measured
+        shown = self.channels.shown
+        gap = np.abs(cycle.tables[0, tried] - measured)[:, shown > 0]
+        cycle = replace(
+            cycle,
+            sureness=compute_attachment_probability(
+                *searched.candidates,
+                cycle.genomes.parent[0],
+                survived=_count_survived(run, cycle.genomes),
+                ordered=run.anatomy.ordered,
+            ),
+            tilt_error=float((gap * shown[shown > 0]).sum(axis=1).mean()),
+        )
+        self.seconds += time.perf_counter() - start
+        cycle = replace(cycle, seconds=self.seconds)
+        return run.with_cycle(cycle, counts=counts, state=state)
+
+    def _rank_rivals(self, cycle: Cycle, second: Floats) -> Cycle:
+        """A cycle whose best rivals are in the order of a second engine's losses."""
+        losses, count = cycle.losses.copy(), len(second)
+        losses[:count] = second
+        costs = second + self.strategy.compute_prior(cycle.genomes[:count])
+        order = np.arange(len(losses))
+        order[:count] = np.argsort(costs, kind="stable")
+        return replace(
+            cycle,
+            genomes=cycle.genomes[order],
+            tables=cycle.tables[order],
+            losses=losses[order],
         )
 
-    def count_simulations(self) -> dict[str, int]:
+    def _count_simulations(self) -> dict[str, int]:
         """Simulations by engine; "choice" and "failed" apart."""
         e = self.evaluator
-        counts = {
+        return {
             e.engine.name: e.spent,
             "choice": e.spent_choosing,
             "failed": e.failed,
         }
-        return counts | ({"mjx": self.second.spent} if self.second else {})
 
-    def capture_state(self) -> dict[str, Any]:
-        """What `restore_state` needs besides the cycles."""
+    def _capture_search(self) -> dict[str, Any]:
+        """What `restore_state` needs besides the cycles and the second engine."""
         # copies: the search goes on, and what was yielded must not
         kept = {f"strategy_{k}": v for k, v in self.strategy.capture_state().items()}
         kept["hardness"] = self.evaluator.hardness
         state: dict[str, Any] = {k: np.array(v) for k, v in kept.items()}
         state["random"] = json.dumps(self.rng.bit_generator.state)
-        if self.second:
-            keys = np.frombuffer(b"".join(self.second.known), np.uint8)
-            state["judge_keys"] = keys.reshape(len(self.second.known), -1)
-            state["judge_values"] = np.array(list(self.second.known.values()))
         return state
 
     def restore_state(self, run: Run) -> None:
         """Stand where a run stopped."""
         state, e = run.state, self.evaluator
+        self.seconds = run.cycles[-1].seconds
         for cycle in run.cycles:
             self.evidence = self.evidence.add(cycle.action, cycle.felt)
         start = "strategy_"
@@ -275,9 +279,7 @@ class _IdentifyLoop:
         e.spent, e.spent_choosing = run.counts[e.engine.name], run.counts["choice"]
         e.failed = run.counts["failed"]
         if self.second:
-            rows = zip(state["judge_keys"], state["judge_values"], strict=True)
-            self.second.known = {key.tobytes(): value for key, value in rows}
-            self.second.spent = run.counts["mjx"]
+            self.second.restore_state(state, run.counts["mjx"])
 
 
 def _count_survived(run: Run, genomes: Genomes) -> int:
@@ -331,9 +333,14 @@ def identify_body(
     loop = _IdentifyLoop(robot, settings, progress)
     if run.cycles:
         loop.restore_state(run)
-    while len(run.cycles) < settings.cycles:
-        before = run.cycles[-1].seconds if run.cycles else 0.0
-        run = loop.run_cycle(run, before)
+    searched: list[_Searched] = []
+    for _ in range(len(run.cycles), settings.cycles):
+        searched.append(loop.search_cycle())
+        while searched and loop.is_confirmed(searched):
+            run = loop.confirm_cycle(run, searched.pop(0))
+            yield run
+    for last in searched:
+        run = loop.confirm_cycle(run, last)
         yield run
     yield replace(run, **_finish_run(loop, run))
 

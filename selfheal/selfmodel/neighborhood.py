@@ -7,6 +7,7 @@ simulated once, beside the search, and serve for every later reading.
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -87,6 +88,8 @@ class Neighborhood:
         self.bodies = RivalSet.empty(evaluator)
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
+        self._scored: Evidence | None = None  # on which the losses below are
+        self._losses: dict[int, Floats] = {}  # of the distinct twins of each family
 
     def update(
         self, rivals: RivalSet, evidence: Evidence, rng: np.random.Generator
@@ -141,24 +144,50 @@ class Neighborhood:
     def _identify_family(self, genome: Genomes) -> tuple[int, Ints]:
         """The name of a body's family, and its twins that differ from one another."""
         trades = np.flatnonzero(self.twins.find_valid_trades(genome.parent[0]))
-        turn = np.repeat(np.arange(len(self.twins.turns)), len(trades))
-        trade = np.tile(trades, len(self.twins.turns))
-        twins = self.twins.map_genomes(genome[np.zeros_like(turn)], turn, trade)
-        names, first = np.unique(_hash_genomes(twins), return_index=True)
-        first.sort()
-        return int(names[0]), (turn * len(self.twins.trade) + trade)[first]
+        names = self._hash_twins(genome, trades).ravel()
+        names, first = np.unique(names, return_index=True)
+        turn, trade = np.divmod(np.sort(first), len(trades))
+        return int(names[0]), turn * len(self.twins.trade) + trades[trade]
+
+    def _name_family(self, genome: Genomes) -> int:
+        """The name of a body's family."""
+        trades = np.flatnonzero(self.twins.find_valid_trades(genome.parent[0]))
+        return int(self._hash_twins(genome, trades).min())
+
+    def _hash_twins(self, genome: Genomes, trades: Ints) -> Ints:
+        """(G, T) a number for each twin of a body (1), the same for equal bodies.
+
+        Equal to a thousandth of a turn and a tenth of a millimeter. It sums salted
+        genes. A trade only moves them from part to part, so salts are moved instead.
+        """
+        twins = self.twins
+        every = np.arange(len(twins.turns))
+        turned = twins.turn_genomes(genome[np.zeros_like(every)], every)
+        to = twins.trade[trades]
+        parent, placement, hinge, length = np.split(_draw_salts(to.shape[1]), 4)
+        label = np.hstack([np.zeros((len(to), 1), np.int64), to + 1])
+        with np.errstate(over="ignore"):
+            turn = np.round(turned.placement * 1000).astype(np.int64) % 1000
+            names = turn @ placement[to].T
+            names += turned.hinge @ hinge[to].T
+            names += (label[:, genome.parent[0]] * parent[to]).sum(axis=1)
+            names += np.round(genome.length * 1e4).astype(np.int64) @ length[to].T
+        return names
 
     def _compute_losses(self, evidence: Evidence) -> list[Floats]:
         """Losses of the distinct twins of every body; infinite where not known."""
+        if evidence is not self._scored:
+            self._scored, self._losses = evidence, {}
         tried, felt = np.asarray(evidence.tried), evidence.measured
-        pairs = zip(self.bodies.genomes.parent, self.bodies.tables, strict=True)
         loss = self.evaluator.loss
-        return [
-            self.twins.compute_losses(parent, table, tried, felt, loss).ravel()[
-                distinct
-            ]
-            for (parent, table), distinct in zip(pairs, self._distinct, strict=True)
-        ]
+        for row, (family, distinct) in enumerate(
+            zip(self._family, self._distinct, strict=True)
+        ):
+            if family not in self._losses:
+                parent, table = self.bodies.genomes.parent[row], self.bodies.tables[row]
+                each = self.twins.compute_losses(parent, table, tried, felt, loss)
+                self._losses[family] = each.ravel()[distinct]
+        return [self._losses[family] for family in self._family]
 
     def _compute_prior_costs(self) -> Floats:
         """(K) what the prior adds to the loss of every body and of its twins."""
@@ -200,7 +229,7 @@ class Neighborhood:
         """Rows of which none is a twin of another or of a body that is known."""
         seen, rows = set(self._family), []
         for row in range(len(genomes)):
-            family, _ = self._identify_family(genomes[[row]])
+            family = self._name_family(genomes[[row]])
             if family not in seen:
                 seen.add(family)
                 rows.append(row)
@@ -209,13 +238,7 @@ class Neighborhood:
         return np.array(rows, np.int64)
 
 
-def _hash_genomes(genomes: Genomes) -> Ints:
-    """(N) a number for each genome, the same for bodies equal to a thousandth."""
-    numbers = [
-        genomes.parent, np.round(genomes.placement * 1000).astype(np.int64) % 1000,
-        genomes.hinge, np.round(genomes.length * 1e4).astype(np.int64),
-    ]  # fmt: skip
-    genes = np.hstack(numbers)
-    salt = np.random.default_rng(0).integers(1, 2**62, genes.shape[1]) | 1
-    with np.errstate(over="ignore"):
-        return (genes * salt).sum(axis=1)
+@cache
+def _draw_salts(parts: int) -> Ints:
+    """(4 P) an odd number for each gene of a body."""
+    return np.random.default_rng(0).integers(1, 2**62, 4 * parts) | 1

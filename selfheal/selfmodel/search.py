@@ -22,9 +22,9 @@ from .space import (
     cross_genomes,
     draw_nudges,
     draw_space_genomes,
+    find_others,
     is_same,
     is_valid,
-    keep_others,
     list_changes,
     perturb_genome,
 )
@@ -115,7 +115,8 @@ class _Climber:
 
     Attributes:
         each: (n) its loss under each action, None where not known.
-        around: all changes of the kind in turn.
+        around: all changes of the kind in turn, and
+        sound: (N) which of them are valid and other bodies.
         order: in which they are tried, round and round.
         place: in the order.
         left: changes not tried since the body changed.
@@ -127,6 +128,7 @@ class _Climber:
     loss: float
     each: Floats | None = None
     around: Genomes | None = None
+    sound: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     order: Ints | None = None
     place: int = 0
     left: int = 0
@@ -163,14 +165,14 @@ class _Climber:
                 else list_changes(space, self.genome)
             )
             self.left = len(self.around)
+            self.sound = find_others(space, self.around, self.genome)
             if fine or self.order is None or len(self.order) != self.left:
                 self.order, self.place = rng.permutation(self.left), 0
         assert self.order is not None
         steps = self.place + np.arange(min(count, self.left))
         self.place, self.left = self.place + count, self.left - count
-        return keep_others(
-            space, self.around[self.order[steps % len(self.order)]], self.genome
-        )
+        rows = self.order[steps % len(self.order)]
+        return self.around[rows[self.sound[rows]]]
 
     def move_to(self, genome: Genomes, loss: float, each: Floats) -> None:
         """Be another body."""

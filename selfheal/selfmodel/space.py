@@ -95,13 +95,20 @@ def _copy_genome(genome: Genomes, count: int) -> Genomes:
     return genome[np.zeros(count, np.int64)]
 
 
+@lru_cache
+def _list_spots(p: int, ordered: bool) -> Ints:
+    """(S, 3) each of p parts, possible parent and side."""
+    return np.array([
+        (i, k, s) for i in range(p)
+        for k in range(i + 1 if ordered else p + 1) if k != i + 1
+        for s in range(4)
+    ])  # fmt: skip
+
+
 def _reattach_parts(space: BodySpace, genome: Genomes) -> Genomes:
     """Every part at the middle of every side of every possible parent."""
-    p = genome.parent.shape[1]
     kinds = np.arange(len(HINGE_NAMES) if space.hinges else 0)
-    spots = [(i, k, s) for i in range(p)
-             for k in range(i + 1 if space.ordered else p + 1) if k != i + 1
-             for s in range(4)]  # fmt: skip
+    spots = _list_spots(genome.parent.shape[1], space.ordered)
     part, parent, side = np.repeat(spots, max(1, len(kinds)), axis=0).T
     out, row = _copy_genome(genome, len(part)), np.arange(len(part))
     out.parent[row, part], out.placement[row, part] = parent, (side + 0.5) / 4
@@ -213,7 +220,18 @@ def keep_others(space: BodySpace, around: Genomes, genome: Genomes) -> Genomes:
         around: N genomes.
         genome: (1) that they are compared with.
     """
-    return around[is_valid(space, around) & ~is_same(around, genome)]
+    return around[find_others(space, around, genome)]
+
+
+def find_others(space: BodySpace, around: Genomes, genome: Genomes) -> np.ndarray:
+    """(N) whether genomes are valid and differ from one.
+
+    Args:
+        space: that they lie in.
+        around: N genomes.
+        genome: (1) that they are compared with.
+    """
+    return is_valid(space, around) & ~is_same(around, genome)
 
 
 def is_valid(space: BodySpace, genomes: Genomes) -> np.ndarray:

@@ -103,17 +103,20 @@ class SymmetryGroup:
         """
         twins = table @ self.channel.transpose(0, 2, 1)  # (G, A, C)
         source = self.action[:, tried]  # (T, n)
+        known = (source >= 0).all(axis=1) & self.find_valid_trades(parent)
+        source = source[known]
         if self.is_plain:
             each = loss(twins[:, None], felt[:, None])  # (G, n, A)
             each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
-            total = each[:, np.arange(len(tried)), source].sum(axis=2)
+            each = each[:, np.arange(len(tried)), source]
         else:  # a trade of parts trades their sensors, too
-            moved = twins[:, source[..., None], self.column[:, None]]  # (G, T, n, C)
+            column = self.column[known][:, None]
+            moved = twins[:, source[..., None], column]  # (G, T, n, C)
             each = loss(moved, felt)
             each = np.where(np.any(np.isnan(moved), axis=3), np.inf, each)
-            total = each.sum(axis=2)
-        unknown = (source < 0).any(axis=1) | ~self.find_valid_trades(parent)
-        return np.where(unknown, np.inf, total)
+        total = np.full((len(twins), len(known)), np.inf)
+        total[:, known] = each.sum(axis=2)
+        return total
 
     def map_table(self, table: Floats, turn: int, trade: int) -> Floats:
         """Channels of one twin of a body under every action.
@@ -166,19 +169,26 @@ class SymmetryGroup:
             trade: (N) rows in `trade`.
         """
         to = self.trade[trade]
-        quarters, mirrored = self.turns[turn].T[..., None]
-        parent, placement, hinge = genomes.parent, genomes.placement, genomes.hinge
-        placement = np.where(mirrored, 0.75 - placement, placement)
-        hinge = np.where(mirrored, _MIRRORED_HINGE[hinge], hinge)
-        placement = placement - 0.25 * quarters * (parent == 0)
+        turned = self.turn_genomes(genomes, turn)
         label = np.hstack([np.zeros((len(to), 1), np.int64), to + 1])
-        parent = np.take_along_axis(label, parent, axis=1)
+        parent = np.take_along_axis(label, genomes.parent, axis=1)
         old = np.argsort(to, axis=1)  # part i of the twin was part old[i]
         return Genomes(
             np.take_along_axis(parent, old, axis=1),
-            np.take_along_axis(_wrap_placement(placement), old, axis=1),
-            np.take_along_axis(hinge, old, axis=1),
+            np.take_along_axis(turned.placement, old, axis=1),
+            np.take_along_axis(turned.hinge, old, axis=1),
             np.take_along_axis(genomes.length, old, axis=1),
+        )
+
+    def turn_genomes(self, genomes: Genomes, turn: Ints) -> Genomes:
+        """The genomes of bodies (N) turned or mirrored, by rows (N) in `turns`."""
+        quarters, mirrored = self.turns[turn].T[..., None]
+        placement, hinge = genomes.placement, genomes.hinge
+        placement = np.where(mirrored, 0.75 - placement, placement)
+        hinge = np.where(mirrored, _MIRRORED_HINGE[hinge], hinge)
+        placement = placement - 0.25 * quarters * (genomes.parent == 0)
+        return Genomes(
+            genomes.parent, _wrap_placement(placement), hinge, genomes.length
         )
 
 

@@ -1,5 +1,6 @@
 """The MJX engine: one compiled program for all trees, rows that ignore each other."""
 
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -7,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.engine._mjx_body import list_sphere_owners
 from selfheal.engine.mjx import Mjx, _compile_program
 from selfheal.engine.statics import Statics
 from tests.support.paths import ROOT
-from tests.support.star_robot import ANATOMY, draw_trees, list_star_actions, make_stars
+from tests.support.star_robot import draw_trees, list_star_actions, make_stars
 
 ENGINE = Mjx(batch=40)
 
@@ -43,9 +43,7 @@ def test_most_random_trees_rest_as_in_statics():
 def test_one_program_serves_every_tree():
     ENGINE.simulate(make_stars(3), list_star_actions()[:3])
     ENGINE.simulate(draw_trees(45), list_star_actions()[np.arange(45) % 36])
-    shape = list_sphere_owners(ANATOMY), ANATOMY.feet
-    program = _compile_program(*shape, ENGINE.ramp, ENGINE.hold, ENGINE.batch)
-    assert program._cache_size() == 1
+    assert _compile_program.cache_info().currsize == 1
 
 
 def test_rows_do_not_depend_on_how_many_there_are():
@@ -91,3 +89,34 @@ print(int(rest.failed.sum()))
     )
     assert done.stdout == "0\n", done.stderr
     assert not list(tmp_path.iterdir()), "something was written where it ran"
+
+
+@pytest.mark.slow
+def test_a_program_is_traced_once_and_again_where_its_file_is_damaged(tmp_path):
+    code = f"""
+import sys
+sys.path.insert(0, {str(ROOT)!r})
+from selfheal.engine.mjx import Mjx
+from tests.support.star_robot import ANATOMY, list_star_actions, make_stars
+engine = Mjx(0.1, 0.1, batch=4)
+print(engine.prepare(ANATOMY))
+print(engine.simulate(make_stars(4), list_star_actions()[:4]).tilt.tobytes().hex())
+print("mujoco.mjx" in sys.modules)
+"""
+
+    own = {"XDG_CACHE_HOME": str(tmp_path)}
+
+    def run() -> list[str]:
+        return subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | own,
+            capture_output=True, text=True, check=True, timeout=120,
+        ).stdout.splitlines()  # fmt: skip
+
+    kept, tilt, traced = run()
+    assert (kept, traced) == ("False", "True")
+    assert run() == ["True", tilt, "False"]
+    (file,) = tmp_path.glob("selfheal/jax/traced-*.bin")
+    for damaged in (b"", file.read_bytes()[:-1000], b"x" * 1000):
+        file.write_bytes(damaged)
+        assert run() == ["False", tilt, "True"]
+    assert run() == ["True", tilt, "False"]
