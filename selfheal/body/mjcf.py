@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import ModelError
 from ..limited_reading import explain_dangerous
+from ..printable import join_names
 from ..recording import read_spec
 from .body import GRAVITY, Anatomy, Bodies, Floats, list_depth_first
 from .changes import compute_direction, tilt_gravity
@@ -254,12 +255,11 @@ def load(path: str | Path) -> Bodies:
     if not joints:
         raise ModelError(f"{path}: no actuators, so no moving parts")
     ids = [int(model.joint(j).bodyid[0]) for j in joints]
-    known = {int(model.body_parentid[ids[0]]): 0}
-    for i, body in enumerate(ids):
-        if int(model.body_parentid[body]) not in known:
-            name = model.body(body).name
-            raise ModelError(f"{path}: actuator {i} moves {name!r} before its parent")
-        known[body] = i + 1
+    carriers = {int(model.body_parentid[body]) for body in ids} - {*ids}
+    if len(carriers) != 1:
+        names = join_names(sorted(model.body(body).name for body in carriers))
+        raise ModelError(f"{path}: parts hang on {names}; they need one torso")
+    known = {carriers.pop(): 0} | {body: i + 1 for i, body in enumerate(ids)}
     parent = np.array([known[int(model.body_parentid[b])] for b in ids])
     anatomy = _read_anatomy(str(path), spec, model, joints, ids, parent)
     return Bodies(
@@ -311,6 +311,7 @@ def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
         feet=tuple(i + 1 for i, b in enumerate(bodies) if f"{b.name}_tip" in sites),
         hinges=_read_hinges(model.jnt_axis[model.body_jntadr[ids]]),
         bends=_read_bends(path, model, ids)[1],
+        ordered=bool((parent <= np.arange(len(ids))).all()),
         fixed=not (model.jnt_type == int(mujoco.mjtJoint.mjJNT_FREE)).any(),
     )
 

@@ -1,0 +1,1 @@
+"""Robots that a TOML describes, for identify --robot FILE.toml."""

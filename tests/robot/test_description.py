@@ -1,0 +1,177 @@
+"""Robots that a file describes: what they know, who answers, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+import selfheal
+from selfheal.body.mjcf import format_mjcf
+from selfheal.errors import InputError
+from selfheal.recording import Recording, read, write
+from selfheal.robot.open_robot import open_robot
+from selfheal.robot.rest_readings import read_rest_channels
+from tests.support.mjcf_models import write_file
+from tests.support.paths import ROOT
+
+ARM = """
+name = "arm"
+sensors = ["position:*", "gravity:hand"]
+ordered = false
+[torso]
+size = [0.1, 0.1, 0.1]
+mass = 1.2
+fixed = true
+[[parts]]
+names = ["fore", "hand"]
+length = 0.1
+radius = 0.01
+mass = 0.1
+[[parts]]
+names = ["upper"]
+joints = ["shoulder"]
+length = 0.2
+radius = 0.02
+mass = 0.3
+hinge = "left"
+bend = 90
+housing = { size = [0.04, 0.04, 0.04], mass = 0.1 }
+[body]
+upper = "torso front"
+fore = "upper front 0.4"
+hand = "fore front"
+"""
+SHIPPED = sorted((ROOT / "models" / "described").glob("*.toml"))
+
+
+def _describe(tmp_path, *changes, name="arm.toml"):
+    text = ARM
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    return str(write_file(tmp_path / name, text))
+
+
+def test_what_a_file_says_is_what_the_robot_knows(tmp_path):
+    robot = open_robot(_describe(tmp_path), seed=3)
+    known = robot.anatomy
+    assert known.parts == ("fore", "hand", "upper")
+    assert known.joints == ("fore", "hand", "shoulder")
+    assert known.hinges == (2, 2, 0) and known.fixed and not known.ordered
+    np.testing.assert_allclose(known.bends, [0, 0, np.pi / 2])
+    assert known.sensors == ("position:fore", "position:hand", "position:upper",
+                             "gravity:hand")  # fmt: skip
+    assert robot.truth.parent.tolist() == [[3, 1, 0]]
+    assert robot.actions.shape == (6, 3)  # of three joints, singly and in pairs
+
+
+def test_a_part_that_hangs_down_points_down(tmp_path):
+    robot = open_robot(_describe(tmp_path))
+    from selfheal.body.body import compute_part_points
+
+    tips = compute_part_points(robot.truth, 1.0)[0]
+    roots = compute_part_points(robot.truth, 0.0)[0]
+    np.testing.assert_allclose((tips - roots)[2], [0, 0, -0.2], atol=1e-12)
+
+
+@pytest.mark.parametrize("change, said", [
+    (('hinge = "left"', 'hinge = "sideways"'), "unknown hinge 'sideways'"),
+    (("length = 0.2", "length = -0.2"), r"parts\[1\].length"),
+    (("mass = 1.2", "weight = 1.2"), "torso.mass is missing"),
+    (('names = ["upper"]', 'names = ["hand"]'), "two parts are named 'hand'"),
+    (('upper = "torso front"', 'upper = "hand front"'), "hangs on itself"),
+    (('upper = "torso front"', 'upper = "torso top"'), "unknown side of torso 'top'"),
+    (('upper = "torso front"', 'upper = ""'), "would fit: torso left"),
+    (('hand = "fore front"', ""), "differ in hand"),
+    (('"gravity:hand"', '"torque:finger"'), "unknown part of sensor torque 'finger'"),
+    (('"gravity:hand"', '"clearance"'), "says nothing of a robot that is fixed"),
+    (("ordered = false", "ordered = true"), "unknown place of fore"),
+    (('joints = ["shoulder"]', 'joints = ["a", "b"]'), "2 joints of 1 parts"),
+])  # fmt: skip
+def test_what_does_not_fit_is_said_of_its_place(tmp_path, change, said):
+    path = _describe(tmp_path, change)
+    with pytest.raises(InputError, match=f"^{re.escape(path)}: .*{said}"):
+        open_robot(path)
+
+
+def test_a_robot_for_which_nothing_answers_is_refused(tmp_path):
+    text = ARM[: ARM.index("[body]")]
+    path = write_file(tmp_path / "real.toml", text)
+    with pytest.raises(InputError, match="nothing answers.*--recordings.*driver"):
+        open_robot(str(path))
+
+
+DRIVER = """
+import selfheal.robot.open_robot as robots
+HIDDEN = robots.open_robot({path!r}, seed=5)
+
+class Arm:
+    def move(self, targets):
+        self.row = [list(t) for t in HIDDEN.actions].index(list(targets.values()))
+
+    def read(self):
+        (episode,) = HIDDEN.act(self.row).episodes.values()
+        return {{n: s.values[-1] for n, s in episode.signals.items() if n != {skip!r}}}
+"""
+
+
+def test_a_python_class_and_a_recording_answer_as_the_robot_does(tmp_path):
+    hidden = open_robot(_describe(tmp_path), seed=5)
+    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
+                     name="real.toml")  # fmt: skip
+    code = DRIVER.format(path=str(tmp_path / "arm.toml"), skip="")
+    write_file(tmp_path / "arm_driver.py", code)
+    real = open_robot(path)
+    runs = [r for k in range(6) for r in hidden.act(k).episodes.items()]
+    write(Recording(dict(runs), "arm", "test"), tmp_path / "runs.h5")
+    played = open_robot(path, recordings=tmp_path / "runs.h5")
+    assert len(read(tmp_path / "runs.h5").episodes) == len(played.actions) == 6
+    for k in range(6):
+        expected = read_rest_channels(hidden.act(k), hidden.anatomy)
+        for robot in (real, played):
+            got = read_rest_channels(robot.act(k), robot.anatomy)
+            np.testing.assert_allclose(got, expected)
+
+
+def test_a_class_that_does_not_fit_is_refused(tmp_path):
+    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
+                     name="real.toml")  # fmt: skip
+    with pytest.raises(InputError, match="arm_driver.py"):
+        open_robot(path)
+    write_file(tmp_path / "arm_driver.py", "class Arm:\n    def move(self, t): ...\n")
+    with pytest.raises(InputError, match=r"class Arm has no method read\(\)"):
+        open_robot(path)
+    _describe(tmp_path)
+    code = DRIVER.format(path=str(tmp_path / "arm.toml"), skip="hand_tip")
+    write_file(tmp_path / "arm_driver.py", code)
+    with pytest.raises(InputError, match="gave no 'hand_tip', for the sensor position"):
+        open_robot(path).act(0)
+    write_file(tmp_path / "arm_driver.py", "1 / 0")
+    with pytest.raises(InputError, match="cannot be made: ZeroDivisionError"):
+        open_robot(path)
+
+
+def test_the_body_of_an_arm_whose_links_stand_in_any_order_is_found(tmp_path):
+    run = selfheal.identify(_describe(tmp_path), seed=1, budget=4000,
+                            out=tmp_path / "run")  # fmt: skip
+    assert len(run.cycles) == 6
+    assert run.cycles[-1].genomes.parent[0].tolist() == [3, 1, 0]
+    assert (tmp_path / "run" / "report.html").exists()
+    again = selfheal.identify(resume=tmp_path / "run" / "run.h5")
+    assert again.result["parent"] == [3, 1, 0]
+
+
+def test_an_mjcf_is_read_as_the_body_that_it_states(tmp_path):
+    robot = open_robot(_describe(tmp_path))
+    path = write_file(tmp_path / "arm.xml", format_mjcf(robot.truth))
+    same = open_robot(str(path))
+    assert same.anatomy.fixed and same.anatomy.parts == robot.anatomy.parts
+    np.testing.assert_allclose(same.anatomy.bends, robot.anatomy.bends, atol=1e-6)
+    np.testing.assert_allclose(same.truth.axis, robot.truth.axis, atol=1e-6)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
+def test_a_shipped_description_is_a_robot_that_answers(path):
+    robot = open_robot(str(path), seed=1)
+    felt = read_rest_channels(robot.act(0), robot.anatomy)
+    assert np.isfinite(felt).all() and len(robot.actions) >= 15
