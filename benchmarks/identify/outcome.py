@@ -25,21 +25,21 @@ def _predict_channels(body: Bodies, actions: np.ndarray) -> np.ndarray:
 def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     """How a run's best body compares with the truth.
 
-    `tilt_apart` [deg] and `clearance_apart` [mm] are the largest differences that
-    statics predicts between the two bodies over all actions; `loss` and `truth_loss`
-    are what the two leave unexplained of the actions tried (our capped loss).
+    `apart` is the largest difference that statics predicts between the two bodies in
+    a channel over all actions, in degrees of tilt or as much of another channel as
+    counts like it. `loss` and `truth_loss` are what the two leave unexplained of the
+    actions tried (our capped loss).
     """
     truth, last = robot.truth, run.cycles[-1]
     if truth is None:
         raise ValueError(f"robot {robot.name!r} does not say its true body")
     best = build_bodies(run.anatomy, last.genomes[:1])
     tables = [_predict_channels(body, run.actions) for body in (best, truth)]
-    apart = np.abs(tables[0] - tables[1]).max(axis=0)
+    loss_of = make_capped_loss(run.anatomy)
+    apart = np.abs(tables[0] - tables[1]).max(axis=0) * loss_of.weight
     tried = [cycle.action for cycle in run.cycles]
     felt = np.array([cycle.felt for cycle in run.cycles])
-    loss, truth_loss = (
-        float(make_capped_loss(run.anatomy)(t[tried], felt).sum()) for t in tables
-    )
+    loss, truth_loss = (float(loss_of(t[tried], felt).sum()) for t in tables)
     right = best.parent[0] == truth.parent[0]
     axes = (best.axis * truth.axis).sum(axis=2)[0] > _SAME_AXIS
     return {
@@ -53,8 +53,7 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
         "right": right.tolist(),
         "edge_f1": float(compute_edge_f1(best, truth)[0]),
         "distance": float(measure_center_distance(best, truth)[0]),
-        "tilt_apart": float(apart[:2].max()),
-        "clearance_apart": float(apart[2]),
+        "apart": float(apart.max()),
         "loss": loss,
         "truth_loss": truth_loss,
         "tilt_error": float(run.result["tilt_error"]),
@@ -67,8 +66,7 @@ def explain_likeness(record: dict[str, Any]) -> str:
 
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
     """
-    apart = np.array([record["tilt_apart"], record["clearance_apart"]])
-    if (apart <= [DISTINGUISHABLE, 2 * DISTINGUISHABLE]).all():
+    if record["apart"] <= DISTINGUISHABLE:
         return "no action tells them apart"
     if record["distance"] <= NEAR and record["settings"]["space"] != "full":
         return f"within {10 * NEAR:g} mm"

@@ -1,6 +1,7 @@
 """Tables of identification runs: records in, sections of a page out."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def _make_success_section(
         lines.append(
             [
                 row.name,
-                s.robot,
+                Path(s.robot).stem,
                 s.method,
                 s.cycles,
                 found[0]["settings"]["engine"],
@@ -79,7 +80,8 @@ def _make_success_section(
         "Wilson intervals. Exact: every part on its true parent. Or like it: exact, or "
         f"the parts' centers lie within {10 * NEAR:g} mm on average (not where hinges "
         "are unknown), or none of the robot's actions tells it from the truth by more "
-        f"than {DISTINGUISHABLE:g} degree or {2 * DISTINGUISHABLE:g} mm, by statics. "
+        f"than {DISTINGUISHABLE:g} degree or {2 * DISTINGUISHABLE:g} mm, or as much of "
+        "another sensor as counts like it, by statics. "
         "Tilt error is `mujoco`'s, over the actions tried [deg]; simulations are those "
         "of the search and, apart, those spent on what else might be right, for "
         "choosing "
@@ -155,10 +157,11 @@ def _make_inexact_section(records: Records) -> Section:
     names = ("robot", "space", "budget", "cycles", "seed")
     rows = [
         [
-            *(r["settings"][name] for name in names),
+            Path(r["settings"]["robot"]).stem,
+            *(r["settings"][name] for name in names[1:]),
             _format_wrong_attachments(r),
             f"{r['distance']:.1f}",
-            f"{r['tilt_apart']:.1f} / {r['clearance_apart']:.1f}",
+            f"{r['apart']:.1f}",
             f"{r['loss']:.1f} / {r['truth_loss']:.1f}",
             explain_inexact_run(r),
         ]
@@ -168,7 +171,7 @@ def _make_inexact_section(records: Records) -> Section:
     text = (
         "Wrong attachments as part: found (true) parent, 0 = torso. Distance is the "
         "parts' centers' mean [cm]; told apart by: the largest difference that statics "
-        "predicts over all actions [deg / mm]; loss on the actions tried: found / true "
+        "predicts over all actions [deg, or what counts like it]; loss on the actions tried: found / true "
         "body, commanded angles."
     )
     if not rows:

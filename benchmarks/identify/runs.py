@@ -41,7 +41,8 @@ def hash_code() -> str:
     """Hash of the program code and models that the results depend on."""
     digest = hashlib.sha256()
     files = [f for room in _ROOMS for f in (ROOT / "selfheal" / room).rglob("*.py")]
-    for file in sorted(files + list((ROOT / "models").rglob("*.xml"))):
+    models = [f for f in (ROOT / "models").rglob("*") if f.suffix in (".xml", ".toml")]
+    for file in sorted(files + models):
         digest.update(file.read_bytes())
     return digest.hexdigest()[:12]
 
