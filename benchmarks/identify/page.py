@@ -171,8 +171,8 @@ def _make_inexact_section(records: Records) -> Section:
     text = (
         "Wrong attachments as part: found (true) parent, 0 = torso. Distance is the "
         "parts' centers' mean [cm]; told apart by: the largest difference that statics "
-        "predicts over all actions [deg, or what counts like it]; loss on the actions tried: found / true "
-        "body, commanded angles."
+        "predicts over all actions [deg, or what counts like it]; loss on the actions "
+        "tried: found / true body, commanded angles."
     )
     if not rows:
         return Section("Runs that did not end at the true tree", "None.")

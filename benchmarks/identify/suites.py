@@ -76,16 +76,7 @@ SUITES = {
         SuiteRow(_BATCH, _make_2006_settings("random-batch"), 100, "21 %", 7),
         SuiteRow(_ALTERNATE, _make_2006_settings("random-alternate"), 100, "15 %", 8),
         SuiteRow(
-            _CHOSEN, _make_2006_settings("paper"), 100, "49 %", 13, (DESCRIBED = {"arm": 262_000, "hexapod": 262_000, "snake": 262_000, "quadruped": 800_000}
-
-
-def _describe(name: str, budget: int) -> Settings:
-    """Our method on a robot that a file describes; as many actions as the arm has."""
-    robot = str(ROOT / "models" / "described" / f"{name}.toml")
-    return _make_our_settings(robot, "free", budget, cycles=15)
-
-
-_BATCH, _ALTERNATE)
+            _CHOSEN, _make_2006_settings("paper"), 100, "49 %", 13, (_BATCH, _ALTERNATE)
         ),
     ],
     "real-free": [
