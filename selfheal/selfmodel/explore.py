@@ -10,7 +10,7 @@ _VOTERS = 384  # bodies that vote, drawn by belief; chosen
 # Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by
 # which even the right body misses a reading; a degree of loss makes a body e times
 # less likely.
-_RESOLUTION, _TEMPERATURE = 2.0, 1.0
+_RESOLUTION, TEMPERATURE = 2.0, 1.0
 # Of disagreement. Chosen on runs of other seeds (from 200 on) than the results': what a
 # model misses by is much the same in many actions, so that belief is too sure of it.
 DISAGREEMENT_TEMPERATURE = 4.0
@@ -23,7 +23,7 @@ DISTINGUISHABLE = 1.0
 _TABLES_AT_ONCE = 4096  # tables compared at a time, some 20 MB; chosen
 
 
-def compute_plausibility(costs: Floats, temperature: float = _TEMPERATURE) -> Floats:
+def compute_plausibility(costs: Floats, temperature: float = TEMPERATURE) -> Floats:
     """(M) share of belief in bodies of these costs, sum 1 (a Laplace likelihood)."""
     weight = np.exp(-(costs - costs.min()) / temperature)
     return weight / weight.sum()
@@ -67,7 +67,7 @@ def find_indistinguishable(
 
 
 def draw_voters(
-    found: Hypotheses, rng: np.random.Generator, temperature: float = _TEMPERATURE
+    found: Hypotheses, rng: np.random.Generator, temperature: float = TEMPERATURE
 ) -> tuple[Hypotheses, Floats]:
     """Draw bodies by belief at even distances, each once.
 

@@ -19,6 +19,7 @@ from .attachment_probability import compute_attachment_probability
 from .evaluate import Evaluator, Evidence
 from .explore import measure_disagreement
 from .paper import PaperSearch
+from .plainest import put_plainest_first
 from .run import Cycle, Run, Settings, uses_second_engine
 from .second_engine import Question, SecondEngine
 from .space import find_space, keep_others
@@ -347,12 +348,15 @@ def identify_body(
 
 def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     """Check the best body on the reference engine: what is new in the run."""
-    last, settings, robot = run.cycles[-1], run.settings, loop.robot
+    settings, robot = run.settings, loop.robot
+    last = run.cycles[-1]
+    if settings.method == "default":
+        last = put_plainest_first(last, loop.evaluator, loop.evidence)
     every = np.arange(len(robot.actions))
     best = build_bodies(robot.anatomy, last.genomes[:1])
     reference = make_engine("mujoco")
     seen = reference.simulate(best[np.zeros_like(every)], robot.actions).channels
-    counts = dict(run.counts)
+    counts = dict(run.counts) | {"choice": loop.evaluator.spent_choosing}
     counts["mujoco"] = counts.get("mujoco", 0) + len(every)
     tried = list(loop.evidence.tried)
     shown = loop.channels.shown
@@ -376,7 +380,8 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
         "actions": [_format_action(robot.actions, a) for a in tried],
         "simulations": counts,
     }
-    return {"counts": counts, "result": result, "indistinguishable": alike.parent}
+    return {"cycles": (*run.cycles[:-1], last), "counts": counts, "result": result,
+            "indistinguishable": alike.parent}  # fmt: skip
 
 
 def _format_action(actions: Floats, action: int) -> list[int] | list[float]:

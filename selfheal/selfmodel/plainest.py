@@ -1,0 +1,80 @@
+"""The plainest body: of those that no action tells apart, one with parts in the middle.
+
+Readings say of a placement only how far it may be off. A part stands where it does by
+chance of the search, within that; a robot's builder puts it in the middle of a side.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..body.body import Floats
+from ..body.genome import Genomes, center_on_sides, concatenate_genomes
+from .evaluate import Evaluator, Evidence
+from .explore import DISTINGUISHABLE, TEMPERATURE
+from .run import Cycle
+from .space import is_same
+
+
+def find_plainest(
+    evaluator: Evaluator, genome: Genomes, table: Floats, evidence: Evidence
+) -> tuple[Genomes, Floats]:
+    """The body with as many parts as may be at the middle of their sides.
+
+    Its channels differ from the given one's by no more than tells two bodies apart,
+    under any action, and the readings make it no more than e times less likely.
+
+    Args:
+        evaluator: simulates and counts.
+        genome: (1) the best body.
+        table: (A, C) its channels under every action.
+        evidence: so far.
+
+    Returns:
+        The genome (1), and its table (A, C).
+    """
+    best, seen = genome, table
+    most = _measure_loss(evaluator, table, evidence)
+    off = np.abs(center_on_sides(genome).placement - genome.placement)[0]
+    every = [np.flatnonzero(off > 0), *np.argsort(-off)[: (off > 0).sum(), None]]
+    for parts in every if len(every[0]) else ():
+        placement = best.placement.copy()
+        placement[0, parts] = center_on_sides(best).placement[0, parts]
+        moved = replace(best, placement=placement)
+        if (placement == best.placement).all():
+            continue
+        with evaluator.count_as_choice():
+            found = evaluator.compute_table(moved)[0]
+        apart = np.abs(found - table) * evaluator.loss.weight
+        loss = _measure_loss(evaluator, found, evidence)
+        if (apart <= DISTINGUISHABLE).all() and loss < most + TEMPERATURE:
+            best, seen = moved, found
+    return best, seen
+
+
+def put_plainest_first(cycle: Cycle, evaluator: Evaluator, evidence: Evidence) -> Cycle:
+    """A cycle with the plainest of bodies like its best one before that.
+
+    Args:
+        cycle: the last one.
+        evaluator: simulates and counts.
+        evidence: of all cycles.
+    """
+    plain, table = find_plainest(
+        evaluator, cycle.genomes[:1], cycle.tables[0], evidence
+    )
+    if is_same(plain, cycle.genomes[:1])[0]:
+        return cycle
+    loss = _measure_loss(evaluator, table, evidence)
+    return replace(
+        cycle,
+        genomes=concatenate_genomes(plain, cycle.genomes),
+        tables=np.concatenate([table[None], cycle.tables]),
+        losses=np.append(loss, cycle.losses),
+    )
+
+
+def _measure_loss(evaluator: Evaluator, table: Floats, evidence: Evidence) -> float:
+    """Loss of a table (A, C) over the evidence."""
+    each = evaluator.loss(table[list(evidence.tried)], evidence.measured)
+    return float(each.sum())
