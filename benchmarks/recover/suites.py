@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.recover.alarms import list_alarm_runs
 from benchmarks.recover.reference import walk_plain
 from benchmarks.recover.unlisted import CHANGES, change_robot, withhold_neurons
 from benchmarks.suites import KeyedRuns
@@ -168,6 +169,7 @@ SUITES = {
     "ours": (list_our_runs, 3),
     "tenth": (list_tenth_runs, 10),
     "unlisted": (list_unlisted_runs, 3),
+    "alarms": (list_alarm_runs, 100),
     "described": (list_described_runs, 3),
     "hardware": (list_control_runs, 3),
     "beyond": (list_further_runs, 3),

@@ -60,7 +60,9 @@ _AZIMUTH_STEP = np.pi / 8
 _STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
           "ground_friction": 0.05, "wind": 1.5}  # fmt: skip
 # how far the last of them move a value, in which it is therefore not known
-LAST_STEPS = {kind: step * _STEP_DECAY ** (_ROUNDS - 1) for kind, step in _STEPS.items()}
+LAST_STEPS = {
+    kind: step * _STEP_DECAY ** (_ROUNDS - 1) for kind, step in _STEPS.items()
+}
 _RANGES = {"weak_motor": (0.02, 1.0), "weak_sensor": (0.02, 1.0),
            "slope": (0.0, 0.5), "ground_friction": (0.02, 1.5),
            "wind": (0.0, 20.0)}  # fmt: skip
@@ -123,21 +125,24 @@ class _Evidence:
             if k == 0 and () in hypotheses:  # a whole robot does what it did
                 drives.sensors[hypotheses.index(())] = self.intact[:rows]
             fit = score_series(drives.sensors, trial.sensors[:rows], self.scale[:rows])
-            total += np.where(drives.failed, -np.inf, fit)
+            total += np.where(drives.failed, -np.inf, fit[:, -1])
         return total
 
 
 def score_series(predicted: Floats, sensed: Floats, scale: Floats) -> Floats:
-    """(H) log likelihoods of a series (T, S) by H predictions (H, T, S) [nats].
+    """How well predictions explain a series so far.
 
     Args:
         predicted: (H, T, S) sensor values [1].
         sensed: (T, S) those that there were.
         scale: (T, S) of their residuals.
+
+    Returns:
+        (H, T) log likelihoods of all until each time [nats].
     """
     worth = 1 / (1 + np.arange(len(sensed)) * SAMPLE / _HALF_TIME)
     gap = (predicted - sensed) / scale
-    return compute_log_t(gap).sum(axis=2) @ worth / _CORRELATED
+    return np.cumsum(compute_log_t(gap).sum(axis=2) * worth, axis=1) / _CORRELATED
 
 
 def simulate_hypotheses(
@@ -235,6 +240,8 @@ def _grow_hypotheses(
         grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
                  if _adds_target(h, d))  # fmt: skip
         new = [h for h in dict.fromkeys(grown) if h not in weights]
+        if not new:
+            return
         level = _weigh_hypotheses(seen, _screen_hypotheses(seen, new))
         if not _is_explained(level):
             level |= _refine_values(seen, _keep_diverse(level, width, _VARIANTS))

@@ -1,11 +1,12 @@
 """Predictive check: a belief and moves in; whether it explains them out.
 
-The posterior predictive check of Rubin (1984), with the density that a belief predicts
-of what a move makes the sensors say. How low may it be? Twins tell: robots drawn from
-the belief itself, which make the same move. They differ from the prediction as the
-robot may, in what the moves so far leave open. A belief of the right kind is refuted
-by a move that it was not fitted to with a chance of `FALSE_ALARM` at most: if the
-robot is one more twin, it is the worst of all so often.
+A posterior predictive check (Rubin 1984). In a walk any prediction fails sooner or
+later, for contacts make much of little. What counts is how long it holds: until the
+sensors lie further off than one more damage could earn its place by. How soon may that
+be? Twins tell: robots drawn from the belief itself, which make the same moves. They
+differ from the prediction as the robot may, in what the moves so far leave open. If
+the robot is one more twin, its prediction is the first of all to fail with a chance of
+`FALSE_ALARM` at most.
 """
 
 from collections.abc import Sequence
@@ -37,9 +38,7 @@ def is_refuted(
     trials: Sequence[Trial],
     rng: np.random.Generator,
 ) -> bool:
-    """Whether the robot answered moves worse than a belief and its twins allow.
-
-    Residuals that one more damage could not earn its place by are noise.
+    """Whether a belief's prediction of moves fails sooner than that of any twin.
 
     Args:
         robot: as it was built.
@@ -57,9 +56,11 @@ def is_refuted(
     if len(trims) > 1:  # a twin is not predicted by itself
         fits[np.arange(_TWINS), factors] = -np.inf
     with np.errstate(divide="ignore"):
-        weighted = fits + np.log(belief.probability)
-    *others, own = np.logaddexp.reduce(weighted, axis=(1, 2)) - np.log(len(trims))
-    return bool(own < min(-DAMAGE_COST, *others))
+        chance = np.log(belief.probability)[:, None]
+    total = np.logaddexp.reduce(fits + chance, axis=(1, 2)) - np.log(len(trims))
+    failed = total < -DAMAGE_COST
+    lasted = np.where(failed.any(axis=1), failed.argmax(axis=1), failed.shape[1])
+    return bool(lasted[-1] < lasted[:-1].min())
 
 
 def _draw_twins(
@@ -84,7 +85,7 @@ def _score_move(
     factors: Floats,
     twins: Sequence[Hypothesis],
 ) -> Floats:
-    """How well a move of each twin, then of the robot, is predicted.
+    """How well a move of each twin, then of the robot, is predicted so far.
 
     Args:
         robot: as it was built.
@@ -95,16 +96,17 @@ def _score_move(
         twins: N hypotheses that are true of them.
 
     Returns:
-        (N + 1, K, H) log densities [nats]; -inf where a prediction failed.
+        (N + 1, K, H, T) log densities until each time [nats]; -inf where the
+        simulation of a prediction diverged.
     """
     scale = belief.scale[: COMPARED_STEPS // STEPS_PER_SAMPLE]
     rows, weights = len(scale), trial.weights
     moved = simulate_hypotheses(robot, factors, twins, weights, rows).sensors
     sensed = [*moved, trial.sensors[:rows]]
-    fits = np.empty((len(sensed), len(trims), len(belief.hypotheses)))
+    fits = np.empty((len(sensed), len(trims), len(belief.hypotheses), rows))
     for k, trim in enumerate(trims):
         told = simulate_hypotheses(robot, trim, belief.hypotheses, weights, rows)
         for n, series in enumerate(sensed):
             fit = score_series(told.sensors, series, scale)
-            fits[n, k] = np.where(told.failed, -np.inf, fit)
+            fits[n, k] = np.where(told.failed[:, None], -np.inf, fit)
     return fits

@@ -215,10 +215,14 @@ class RecoverRun(PhasedRun):
         if settings.method == "hardware-only":
             return ["original", "failure", "hardware"]
         ours = settings.method == "ours"
-        last = settings.trials + settings.more_trials * ours
-        turns = [f"{what}-{k}" for k in range(1, last + 1)
-                 for what in ("estimate", "explore", "trial")
-                 if what != "estimate" or k <= settings.trials + ours]  # fmt: skip
+        trials = settings.trials + settings.more_trials * ours
+        most = {
+            "estimate": settings.trials + ours,
+            "explore": trials,
+            "trial": trials,
+        }
+        turns = [f"{what}-{k}" for k in range(1, max(most.values()) + 1)
+                 for what in most if k <= most[what]]  # fmt: skip
         return ["original", "failure", *turns]
 
     @staticmethod
