@@ -49,10 +49,11 @@ def is_refuted(
     """
     factors = rng.integers(len(trims), size=_TWINS)
     twins = _draw_twins(belief, rng)
-    fits = sum(
+    moves = [
         _score_move(robot, trims, belief, trial, trims[factors], twins)
         for trial in trials
-    )
+    ]
+    fits = np.sum(moves, axis=0)
     if len(trims) > 1:  # a twin is not predicted by itself
         fits[np.arange(_TWINS), factors] = -np.inf
     with np.errstate(divide="ignore"):
