@@ -30,7 +30,7 @@ def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
             "What was reached",
             "",
             ("figure", "target", "measured"),
-            _tabulate_targets(known),
+            [*_tabulate_targets(known), *_tabulate_new_targets(known)],
         ),
         _make_runs_section(known["ours"], "Our method", _OURS),
         _make_runs_section(known["tenth"], "A hidden neuron fails", _TENTH),
@@ -115,16 +115,6 @@ def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]
             _format_quantiles(_list_recoveries(ours)),
         ),
         (
-            "ours, the same of scenario 10",
-            ">= 0.9",
-            _format_quantiles(_list_recoveries(known["tenth"].values())),
-        ),
-        (
-            "ours, the same after changes in no list",
-            "reported",
-            _format_quantiles(_list_recoveries(known["unlisted"].values())),
-        ),
-        (
             "ours, kind and place named, scenarios 1 to 8",
             ">= 80 %",
             _format_named_share(broken),
@@ -133,11 +123,6 @@ def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]
             "as described, the same",
             "",
             _format_named_share(r for r in old if r["scenario"] not in (9, 10)),
-        ),
-        (
-            "ours, the same of scenario 10",
-            "reported",
-            _format_named_share(known["tenth"].values()),
         ),
         (
             "ours, scenario 9 says that nothing broke",
@@ -154,6 +139,30 @@ def _tabulate_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]
             "evaluations/s against plain MuJoCo",
             ">= 5 : 1",
             _summarize_speed(known["speed"]),
+        ),
+    ]
+
+
+def _tabulate_new_targets(known: Mapping[str, Records]) -> list[tuple[str, str, str]]:
+    """The figures of scenario 10 and of what is in no list."""
+    tenth, unlisted = (list(known[name].values()) for name in ("tenth", "unlisted"))
+    told = sum(r["verdict"] == "unlisted" for r in unlisted)
+    return [
+        (
+            "ours, scenario 10, recovered / original: median; 10th percentile",
+            ">= 0.9",
+            _format_quantiles(_list_recoveries(tenth)),
+        ),
+        ("ours, scenario 10, named", "reported", _format_named_share(tenth)),
+        (
+            "ours, changes in no list, recovered / original",
+            "reported",
+            _format_quantiles(_list_recoveries(unlisted)),
+        ),
+        (
+            "ours, changes in no list, told as unlisted",
+            "reported",
+            format_share(told, len(unlisted)),
         ),
     ]
 

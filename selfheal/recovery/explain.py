@@ -152,7 +152,18 @@ def simulate_hypotheses(
     weights: Floats,
     rows: int,
 ) -> Rollouts:
-    """So many samples of a controller on the trimmed robot as hypotheses have it."""
+    """Robots as hypotheses have them, all under one controller.
+
+    Args:
+        robot: as it was built.
+        trim: (2 + D) or (H, 2 + D) how it is off, see `engine.reflex.scale_physics`.
+        hypotheses: H of them.
+        weights: (W) of the controller's synapses [1].
+        rows: samples of the series.
+
+    Returns:
+        What H robots did in so many samples.
+    """
     plants = scale_physics(build_damaged_plants(robot, hypotheses), trim)
     return simulate_controllers(
         plants, np.tile(weights, (len(hypotheses), 1)), rows * STEPS_PER_SAMPLE
