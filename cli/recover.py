@@ -165,8 +165,8 @@ class _RunProgress:
         """Show what a phase does and how much of that is done."""
         names = self.phases
         if self.may_end:
-            turn = phase.partition("-")[2] or "1"
-            names = names[: names.index(f"trial-{turn}") + 1]
+            turn = int(phase.partition("-")[2] or 1)
+            names = [n for n in names if int(n.partition("-")[2] or 0) <= turn]
         self.stages.weights = {
             n: _EFFORT[n.partition("-")[0]] for n in [*names, "page"]
         }
@@ -196,6 +196,8 @@ def _format_phase(run: "RecoverRun") -> str:
     kind, _, turn = name.partition("-")
     if kind == "estimate":
         said, chance = next(iter(summarize_beliefs(phase).items()))
+        if phase.get("unlisted"):
+            return f"{turn}: no listed damage explains the trials; nearest is {said}"
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
@@ -219,7 +221,8 @@ def _print_results(runs: Sequence["RecoverRun"]) -> None:
         ways = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
         spent = str(run.result["actions"])
         name = f"scenario {run.settings.scenario}"
-        rows.append((name, *ways, words[is_damage_named(run)], spent))
+        named = "unlisted" if run.unlisted else words[is_damage_named(run)]
+        rows.append((name, *ways, named, spent))
     print_table(head, rows, title="; ".join(said))
 
 

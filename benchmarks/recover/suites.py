@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.recover.alarms import list_alarm_runs
 from benchmarks.recover.reference import walk_plain
+from benchmarks.recover.unlisted import CHANGES, change_robot, withhold_neurons
 from benchmarks.suites import KeyedRuns
 from benchmarks.writer import count_cores
 from selfheal.body.legged import LEGGED, load_legged_robot
@@ -21,7 +23,11 @@ from selfheal.gait.genetic import (
     start_population,
 )
 from selfheal.recovery.recover import recover_robot
-from selfheal.recovery.recover_run import RecoverSettings, is_damage_named
+from selfheal.recovery.recover_run import (
+    RecoverRun,
+    RecoverSettings,
+    is_damage_named,
+)
 from selfheal.robot.scenarios import SCENARIOS, TABLE, draw_scenario
 from selfheal.robot.simulated_legs import SimulatedLegs
 
@@ -30,8 +36,22 @@ BEYOND = range(len(TABLE) + 1, len(SCENARIOS) + 1)
 
 
 def list_our_runs(seeds: int) -> KeyedRuns:
-    """Runs of our method in all twenty cells of robot and scenario."""
-    return _list_runs("ours", seeds)
+    """Runs of our method in all cells of robot and scenario but the tenth's."""
+    return _list_runs("ours", seeds, numbers=TABLE[:-1])
+
+
+def list_tenth_runs(seeds: int) -> KeyedRuns:
+    """Runs of our method where a hidden neuron fails."""
+    return _list_runs("ours", seeds, numbers=TABLE[-1:])
+
+
+def list_unlisted_runs(seeds: int) -> KeyedRuns:
+    """Runs of our method after changes that are in no list of damages."""
+    for seed in range(FIRST, FIRST + seeds):
+        for robot in LEGGED[::-1]:
+            for what in CHANGES:
+                key = f"{robot} {what} {seed}"
+                yield key, partial(_recover_changed_robot, robot, what, seed)
 
 
 def list_described_runs(seeds: int) -> KeyedRuns:
@@ -77,18 +97,28 @@ def _recover_robot(
     settings = RecoverSettings(robot, number, damage, method, seed, **more)
     walker = SimulatedLegs(body, seed, settings.gap)
     *_, run = recover_robot(walker, settings)
-    kept: dict[str, Any] = {
-        "robot": robot,
-        "scenario": number,
-        "seed": seed,
-        "method": method,
-        "named": is_damage_named(run),
-    }
-    result = run.result
-    kept |= {k: result[k] for k in ("damage", "hypotheses", "actions", "distance")}
-    kept["walked"] = [trial["walked"] for trial in result["trials"]]
+    kept = _summarize_run(run)
     if method == "hardware-only":
         kept["best"] = np.round(run.phases["hardware"]["best"], 3).tolist()
+    return kept
+
+
+def _recover_changed_robot(robot: str, what: str, seed: int) -> dict[str, Any]:
+    walker, place = change_robot(what, load_legged_robot(robot), seed)
+    settings = RecoverSettings(robot, 9, (), seed=seed)  # of no scenario: no damage
+    with withhold_neurons():
+        *_, run = recover_robot(walker, settings)
+    return {**_summarize_run(run), "named": None, "what": what, "place": place}
+
+
+def _summarize_run(run: RecoverRun) -> dict[str, Any]:
+    """What a record keeps of a run by any method."""
+    settings, result = run.settings, run.result
+    kept = {k: getattr(settings, k) for k in ("robot", "scenario", "seed", "method")}
+    kept["named"] = is_damage_named(run)
+    told = ("damage", "verdict", "hypotheses", "actions", "distance")
+    kept |= {k: result[k] for k in told}
+    kept["walked"] = [trial["walked"] for trial in result["trials"]]
     return kept
 
 
@@ -137,6 +167,9 @@ def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
 SUITES = {
     "speed": (list_speed_runs, 3),
     "ours": (list_our_runs, 3),
+    "tenth": (list_tenth_runs, 10),
+    "unlisted": (list_unlisted_runs, 3),
+    "alarms": (list_alarm_runs, 100),
     "described": (list_described_runs, 3),
     "hardware": (list_control_runs, 3),
     "beyond": (list_further_runs, 3),

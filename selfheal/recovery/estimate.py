@@ -17,7 +17,7 @@ from ..engine.reflex import build_damaged_plants, simulate_controllers
 from ..gait.genetic import Score
 
 GENES, VALUES = 4, 4
-_KINDS = 3
+ESTIMATED_KINDS = ("limb_loss", "joint_jam", "sensor_dead")
 
 Hypothesis = tuple[Damage, ...]
 
@@ -50,15 +50,15 @@ def decode_hypotheses(genomes: Floats, robot: LeggedRobot) -> list[Hypothesis]:
 
 def _decode_damage(gene: Floats, robot: LeggedRobot) -> Damage:
     """The damage of an active gene (VALUES), its values scaled to [0, 1]."""
-    kind = round(2 * gene[1])
-    names = robot.sensors if kind == 2 else robot.damage_sites
+    kind = ESTIMATED_KINDS[round(2 * gene[1])]
+    names = robot.sensors if kind == "sensor_dead" else robot.damage_sites
     at = min(int(gene[2] * len(names)), len(names) - 1)
-    if kind == 2:
-        return Damage("sensor_dead", f"sensor:{robot.sensors[at]}")
+    if kind == "sensor_dead":
+        return Damage(kind, f"sensor:{robot.sensors[at]}")
     place = robot.damage_sites[at]
-    if kind == 1:
-        return Damage("joint_jam", f"joint:{place.name}")
-    return Damage("limb_loss", f"body:{place.part}")
+    if kind == "joint_jam":
+        return Damage(kind, f"joint:{place.name}")
+    return Damage(kind, f"body:{place.part}")
 
 
 def make_damage_score(robot: LeggedRobot, trials: Sequence[Trial]) -> Score:

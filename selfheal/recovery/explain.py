@@ -15,7 +15,7 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.damage import Damage
-from ..body.legged import LeggedRobot, reduce_damages
+from ..body.legged import HIDDEN, LeggedRobot, reduce_damages
 from ..engine.reflex import (
     SAMPLE,
     STEPS,
@@ -37,7 +37,7 @@ _FIRST_BEAM, _BEAM_DECAY = (
     24,
     0.7,
 )  # single ones whose values move, and how fast they get fewer
-_COMPARED_STEPS = 300  # steps on which hypotheses are compared while they grow; chosen
+COMPARED_STEPS = 300  # steps on which hypotheses are compared while they grow; chosen
 _SCREEN_STEPS, _SCREENED = (
     100,
     200,
@@ -50,7 +50,7 @@ _WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
 # Chosen: a sensor's value is not trusted more than this, and values within half a
 # second say the same.
 _LEAST_SCALE, _CORRELATED = 0.05, 0.5 / SAMPLE
-_DAMAGE_COST = 6.0  # [nats] that each damage must explain more; chosen
+DAMAGE_COST = 6.0  # [nats] that each damage must explain more; chosen
 _HALF_TIME = 1.0  # [s] after which a sample counts half; chosen
 # Chosen: damage under which likely robots are watched part, and the share of a series'
 # standard deviation by which they have parted when predictions say nothing any more.
@@ -59,6 +59,10 @@ _AZIMUTH_STEP = np.pi / 8
 # first steps of the values: a grid's half
 _STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
           "ground_friction": 0.05, "wind": 1.5}  # fmt: skip
+# how far the last of them move a value, in which it is therefore not known
+LAST_STEPS = {
+    kind: step * _STEP_DECAY ** (_ROUNDS - 1) for kind, step in _STEPS.items()
+}
 _RANGES = {"weak_motor": (0.02, 1.0), "weak_sensor": (0.02, 1.0),
            "slope": (0.0, 0.5), "ground_friction": (0.02, 1.5),
            "wind": (0.0, 20.0)}  # fmt: skip
@@ -101,7 +105,7 @@ class _Evidence:
         self, hypotheses: Sequence[Hypothesis], steps: int
     ) -> Floats:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
-        prior = np.array([-_DAMAGE_COST * len(h) for h in hypotheses])
+        prior = np.array([-DAMAGE_COST * len(h) for h in hypotheses])
         fits = [
             self._compute_log_likelihoods(hypotheses, trim, steps)
             for trim in self.factors
@@ -114,27 +118,52 @@ class _Evidence:
         """(H) log likelihood if the robot is off in this way."""
         total = np.zeros(len(hypotheses))
         rows = min(steps // STEPS_PER_SAMPLE, len(self.scale))
-        worth = 1 / (1 + np.arange(rows) * SAMPLE / _HALF_TIME)
         for k, trial in enumerate(self.trials):
-            drives = _simulate_hypotheses(
+            drives = simulate_hypotheses(
                 self.robot, trim, hypotheses, trial.weights, rows
             )
             if k == 0 and () in hypotheses:  # a whole robot does what it did
                 drives.sensors[hypotheses.index(())] = self.intact[:rows]
-            gap = (drives.sensors - trial.sensors[:rows]) / self.scale[:rows]
-            fit = compute_log_t(gap).sum(axis=2) @ worth / _CORRELATED
-            total += np.where(drives.failed, -np.inf, fit)
+            fit = score_series(drives.sensors, trial.sensors[:rows], self.scale[:rows])
+            total += np.where(drives.failed, -np.inf, fit[:, -1])
         return total
 
 
-def _simulate_hypotheses(
+def score_series(predicted: Floats, sensed: Floats, scale: Floats) -> Floats:
+    """How well predictions explain a series so far.
+
+    Args:
+        predicted: (H, T, S) sensor values [1].
+        sensed: (T, S) those that there were.
+        scale: (T, S) of their residuals.
+
+    Returns:
+        (H, T) log likelihoods of all until each time [nats].
+    """
+    worth = 1 / (1 + np.arange(len(sensed)) * SAMPLE / _HALF_TIME)
+    gap = (predicted - sensed) / scale
+    return np.cumsum(compute_log_t(gap).sum(axis=2) * worth, axis=1) / _CORRELATED
+
+
+def simulate_hypotheses(
     robot: LeggedRobot,
     trim: Floats,
     hypotheses: Sequence[Hypothesis],
     weights: Floats,
     rows: int,
 ) -> Rollouts:
-    """So many samples of a controller on the trimmed robot as hypotheses have it."""
+    """Robots as hypotheses have them, all under one controller.
+
+    Args:
+        robot: as it was built.
+        trim: (2 + D) or (H, 2 + D) how it is off, see `engine.reflex.scale_physics`.
+        hypotheses: H of them.
+        weights: (W) of the controller's synapses [1].
+        rows: samples of the series.
+
+    Returns:
+        What H robots did in so many samples.
+    """
     plants = scale_physics(build_damaged_plants(robot, hypotheses), trim)
     return simulate_controllers(
         plants, np.tile(weights, (len(hypotheses), 1)), rows * STEPS_PER_SAMPLE
@@ -156,13 +185,13 @@ def _compute_trusted_scale(
     Robots that walk alike while they are whole part when they are broken, and none of
     them is quite the true one: as they part from each other, they will part from it.
     """
-    model = _simulate_hypotheses(robot, trims[0], [()], weights, len(before)).sensors
+    model = simulate_hypotheses(robot, trims[0], [()], weights, len(before)).sensors
     known = compute_residual_scale(before[None], model)
     if len(trims) == 1:
         return known
     broken = [(d,) for d in list_single_damages(robot) if d.kind in _CLEAR_KINDS]
-    rows = _COMPARED_STEPS // STEPS_PER_SAMPLE
-    one, *others = (_simulate_hypotheses(robot, trim, broken, weights, rows).sensors
+    rows = COMPARED_STEPS // STEPS_PER_SAMPLE
+    one, *others = (simulate_hypotheses(robot, trim, broken, weights, rows).sensors
                     for trim in trims)  # fmt: skip
     parted = compute_residual_scale(
         np.concatenate([one] * len(others)), np.concatenate(others)
@@ -222,6 +251,8 @@ def _grow_hypotheses(
         grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
                  if _adds_target(h, d))  # fmt: skip
         new = [h for h in dict.fromkeys(grown) if h not in weights]
+        if not new:
+            return
         level = _weigh_hypotheses(seen, _screen_hypotheses(seen, new))
         if not _is_explained(level):
             level |= _refine_values(seen, _keep_diverse(level, width, _VARIANTS))
@@ -233,7 +264,7 @@ def _grow_hypotheses(
 def _is_explained(weights: dict[Hypothesis, float]) -> bool:
     """Whether one more damage could not earn its place."""
     best = max(weights, key=lambda h: weights[h])
-    return weights[best] > -_DAMAGE_COST * (len(best) + 1)
+    return weights[best] > -DAMAGE_COST * (len(best) + 1)
 
 
 def _screen_hypotheses(
@@ -249,7 +280,7 @@ def _weigh_hypotheses(
     seen: _Evidence, hypotheses: Sequence[Hypothesis]
 ) -> dict[Hypothesis, float]:
     """Hypotheses with their weights by the beginnings of the trials."""
-    weight = seen.compute_log_weights(hypotheses, _COMPARED_STEPS)
+    weight = seen.compute_log_weights(hypotheses, COMPARED_STEPS)
     return dict(zip(hypotheses, weight.tolist(), strict=True))
 
 
@@ -330,6 +361,7 @@ def list_single_damages(robot: LeggedRobot) -> list[Damage]:
         *(Damage("sensor_dead", name) for name in sensors),
         *(Damage("weak_sensor", name, s) for name in sensors for s in STRENGTHS),
         *(Damage("weak_motor", name, s) for name in motors for s in STRENGTHS),
+        *(Damage("neuron_dead", f"neuron:{k}") for k in range(HIDDEN)),
         *list_ground_damages(),
         *(Damage("wind", "world", w, float(a)) for w in _WINDS for a in AZIMUTHS),
     ]

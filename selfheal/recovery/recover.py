@@ -2,7 +2,9 @@
 
 Phases: original (a controller for the whole robot) and failure (it walks broken). Then
 three times estimate-K (what broke), explore-K (a controller for that) and trial-K
-(tried on the robot). Without a model: hardware (evolution on the robot) in their place.
+(tried on the robot). Once no listed damage explains what trials made the sensors say,
+there are only explore-K, a gait of the whole robot from a search of its own, and
+trial-K. Without a model: hardware (evolution on the robot) in their place.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,14 +29,23 @@ from ..gait.genetic import (
 )
 from ..robot.driven_robot import DrivenRobot
 from .belief import CandidateAction, choose_action
-from .estimate import GENES, VALUES, Hypothesis, decode_hypotheses, make_damage_score
+from .estimate import (
+    GENES,
+    VALUES,
+    Hypothesis,
+    Trial,
+    decode_hypotheses,
+    make_damage_score,
+)
 from .explain import estimate_damage
 from .fit_physics import fit_physics
 from .phased_run import Phase, run_phases
+from .predictive_check import is_refuted
 from .recover_run import (
     RecoverRun,
     RecoverSettings,
     read_hypotheses,
+    read_posterior,
     serialize_hypotheses,
     summarize_run,
 )
@@ -79,10 +90,16 @@ def _find_next_phase(run: RecoverRun) -> str:
     """The name of the next phase; none at the end."""
     settings, done = run.settings, list(run.phases)
     left = run.list_next_phases(settings, done)
-    if settings.method == "ours" and done and done[-1].startswith("trial"):
-        ways = [run.phases[name]["way"] for name in ("original", done[-1])]
-        left = left if ways[1] < ways[0] else ()  # as far as ever: no need to go on
-    return left[0] if left else ""
+    tried = len(run.trials) - 1
+    if settings.method != "ours" or tried < 1 or done[-1].startswith("explore"):
+        return left[0] if left else ""
+    last = run.phases[f"trial-{tried}"]
+    if done[-1].startswith("trial") and last["refuted"]:
+        return left[0]  # what is believed is wrong, even where the robot walks again
+    most = settings.trials + settings.more_trials * run.unlisted
+    # as far as ever: no need to go on
+    ended = tried == most or last["way"] >= run.phases["original"]["way"]
+    return "" if ended else left[-1 if run.unlisted else 0]
 
 
 class RecoverPhases:
@@ -153,7 +170,7 @@ class RecoverPhases:
     ) -> Phase:
         """What may have broken."""
         if self.settings.method == "ours":
-            return self._estimate_from_series(name, run)
+            return self._estimate_from_series(name, run, rng)
         earlier = [p["genome"] for p in run.estimates]
         score = make_damage_score(self.legged, run.trials)
         pool = self._run_search(
@@ -168,7 +185,9 @@ class RecoverPhases:
                 "genome": pool.genomes[0], "best": pool.best,
                 "asked": pool.evaluations}  # fmt: skip
 
-    def _estimate_from_series(self, name: str, run: RecoverRun) -> Phase:
+    def _estimate_from_series(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
         """What may have broken, by the sensors' series."""
         whole = run.phases["original"]
 
@@ -179,14 +198,18 @@ class RecoverPhases:
         belief = estimate_damage(
             self.legged, whole["trims"], run.trials, whole["sensed"], known, told
         )
-        chance = belief.probability.tolist()
+        refuted = bool(list(run.phases.values())[-1].get("refuted"))
         return {"believed": serialize_hypotheses(belief.hypotheses),
-                "probability": chance, "scale": belief.scale}  # fmt: skip
+                "probability": belief.probability.tolist(), "scale": belief.scale,
+                "unlisted": refuted and is_refuted(self.legged, whole["trims"], belief,
+                                                   run.trials, rng)}  # fmt: skip
 
     def _evolve_controller(
         self, name: str, run: RecoverRun, rng: np.random.Generator
     ) -> Phase:
         """A controller for what may have broken."""
+        if run.unlisted:
+            return self._evolve_another(name, run, rng)
         phase = list(run.phases.values())[-1]
         believed = list(zip(read_hypotheses(phase), phase["probability"], strict=True))
         if self.settings.method == "ours":
@@ -219,10 +242,36 @@ class RecoverPhases:
             "predicted": float(pool.scores[pick]),
         }
 
+    def _evolve_another(
+        self, name: str, run: RecoverRun, rng: np.random.Generator
+    ) -> Phase:
+        """A gait of the whole robot that has nothing in common with earlier ones.
+
+        What broke is not known, nor which gait does without it. Gaits of independent
+        searches do without different things.
+        """
+        score = self._make_displacement_score(
+            [((), 1.0)], run.phases["original"]["trims"][0]
+        )
+        pool = self._run_search(name, score, rng, None, mutation=_MUTATION)
+        return {**_serialize_population(pool), "weights": pool.genomes[0],
+                "why": "another gait of the whole robot",
+                "predicted": float(pool.scores[0])}  # fmt: skip
+
     def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """The last controller on the broken robot."""
         weights = list(run.phases.values())[-1]["weights"]
-        return _serialize_rollout(self.damaged.run_trials(weights[None]))
+        found = _serialize_rollout(self.damaged.run_trials(weights[None]))
+        if self.settings.method == "ours":
+            trial = Trial(weights, found["way"], found["sensed"])
+            found["refuted"] = not run.unlisted and is_refuted(
+                self.legged,
+                run.phases["original"]["trims"],
+                read_posterior(run.estimates[-1]),
+                [trial],
+                rng,
+            )
+        return found
 
     def _evolve_on_robot(
         self, name: str, run: RecoverRun, rng: np.random.Generator

@@ -12,7 +12,8 @@ from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
 from ..engine.reflex import STEPS, STEPS_PER_SAMPLE
 from ..robot.scenarios import SCENARIOS
 from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
-from .estimate import GENES, VALUES, Hypothesis, Trial
+from .estimate import ESTIMATED_KINDS, GENES, VALUES, Hypothesis, Trial
+from .explain import HypothesisPosterior
 from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 from .record import Distances
 
@@ -22,6 +23,9 @@ METHODS = {
     "hardware-only": "the control of 2004: evolution on the robot itself",
 }
 TRIALS = 3  # after the failure (overview.txt 4.4)
+# Trials more where no listed damage explains the earlier ones: in all a 500th of the
+# control's 3,550.
+MORE_TRIALS = 4
 
 
 @dataclass(frozen=True)
@@ -37,7 +41,8 @@ class RecoverSettings:
         reach: of the joints [deg].
         apart: whether each degree of freedom can break by itself.
         gap: share by which the hidden robot may be off the model.
-        trials: after the failure.
+        trials: after the failure, as long as a damage is believed.
+        more_trials: by our method, where no listed damage explains what was sensed.
         generations: of each search.
     """
 
@@ -50,6 +55,7 @@ class RecoverSettings:
     apart: bool = False
     gap: Probability = 0.0
     trials: PositiveCount = TRIALS
+    more_trials: Count = MORE_TRIALS
     generations: PositiveCount = 30
 
     @property
@@ -95,6 +101,16 @@ class _Estimate(Timed):
 
 
 @dataclass(frozen=True)
+class _CheckedEstimate(_Estimate):
+    unlisted: bool
+
+
+@dataclass(frozen=True)
+class _CheckedTrial(_Rollout):
+    refuted: bool
+
+
+@dataclass(frozen=True)
 class _Controller(_Search):
     why: str
     predicted: Number
@@ -131,8 +147,9 @@ _OURS = {
         arrays={**_SCHEMAS["original"].arrays, "trims": _FACTORS},
     ),
     "estimate": PhaseSchema(
-        _Estimate, {"scale": ArraySchema(("compared", "S"), low=1e-9, high=1e6)}
+        _CheckedEstimate, {"scale": ArraySchema(("compared", "S"), low=1e-9, high=1e6)}
     ),
+    "trial": PhaseSchema(_CheckedTrial, _ROLLOUT),
 }
 
 
@@ -142,7 +159,7 @@ class RecoverRun(PhasedRun):
 
     WHAT: ClassVar[str] = "recovery's file"
     FORMAT: ClassVar[str] = "selfheal-recover-run"
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
     SETTINGS: ClassVar[type] = RecoverSettings
     RESULT: ClassVar[type] = RecoverResult
 
@@ -152,6 +169,11 @@ class RecoverRun(PhasedRun):
     def estimates(self) -> list[Phase]:
         """What was believed after each trial, the last one last."""
         return [p for name, p in self.phases.items() if name.startswith("estimate")]
+
+    @property
+    def unlisted(self) -> bool:
+        """Whether no listed damage explains what the robot sensed."""
+        return bool(self.estimates) and self.estimates[-1].get("unlisted", False)
 
     @property
     def trials(self) -> list[Trial]:
@@ -176,16 +198,31 @@ class RecoverRun(PhasedRun):
 
     @staticmethod
     def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
-        """The name of the phase that comes next; none at the end."""
-        return RecoverRun.list_phases(settings)[len(done) :][:1]
+        """Names of the phases one of which comes next; none at the end."""
+        names = RecoverRun.list_phases(settings)
+        left = names[names.index(done[-1]) + 1 :] if done else names
+        may_skip = settings.method == "ours" and done and done[-1].startswith("trial")
+        skips = bool(may_skip and left and left[0].startswith("estimate"))
+        return left[: 1 + skips]
 
     @staticmethod
     def list_phases(settings: Any) -> list[str]:
-        """Names of all phases, in order; our way may end after any trial."""
+        """Names of all phases that there may be, in order.
+
+        Our way may end after any trial or estimate but the first, and leaves out
+        estimates once no listed damage explains what was sensed.
+        """
         if settings.method == "hardware-only":
             return ["original", "failure", "hardware"]
-        turns = [f"{what}-{k}" for k in range(1, settings.trials + 1)
-                 for what in ("estimate", "explore", "trial")]  # fmt: skip
+        ours = settings.method == "ours"
+        trials = settings.trials + settings.more_trials * ours
+        most = {
+            "estimate": settings.trials + ours,
+            "explore": trials,
+            "trial": trials,
+        }
+        turns = [f"{what}-{k}" for k in range(1, max(most.values()) + 1)
+                 for what in most if k <= most[what]]  # fmt: skip
         return ["original", "failure", *turns]
 
     @staticmethod
@@ -211,7 +248,8 @@ class RecoverRun(PhasedRun):
             if len(phase.get("believed", ())) != len(phase.get("probability", ())):
                 return f"{name} has not a probability for each hypothesis"
         left = self.list_next_phases(s, names)
-        may_end = s.method == "ours" and bool(names) and names[-1].startswith("trial")
+        ended = bool(names) and names[-1].startswith(("trial", "estimate"))
+        may_end = s.method == "ours" and ended and "trial-1" in names
         if self.result and left and not may_end:
             return f"there is a result, but no phase {left[0]}"
         return ""
@@ -230,6 +268,12 @@ def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
 def read_hypotheses(phase: Phase) -> list[Hypothesis]:
     """The hypotheses that `serialize_hypotheses` kept in a phase."""
     return [tuple(Damage(**d) for d in h) for h in phase["believed"]]
+
+
+def read_posterior(phase: Phase) -> HypothesisPosterior:
+    """What a phase of our method believes."""
+    chance = np.array(phase["probability"])
+    return HypothesisPosterior(tuple(read_hypotheses(phase)), chance, phase["scale"])
 
 
 def summarize_beliefs(phase: Phase) -> dict[str, float]:
@@ -268,6 +312,7 @@ def summarize_run(run: RecoverRun) -> dict[str, Any]:
         "method": s.method,
         "damage": [d.document for d in s.damage],
         "alarm": None,  # the robot is told that it failed, in scenario 9 falsely
+        "verdict": ("listed", "unlisted")[run.unlisted] if s.method == "ours" else None,
         "hypotheses": _list_marginals(run),
         "actions": spent,
         "trials": [
@@ -290,8 +335,11 @@ def _round_finite(value: float) -> float | None:
 
 
 def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
-    """Each damage of the best hypothesis, and how likely it is by itself."""
-    if not run.estimates:
+    """Each damage of the best hypothesis, and how likely it is by itself.
+
+    None where no listed damage explains what was sensed.
+    """
+    if not run.estimates or run.unlisted:
         return []
     last = run.estimates[-1]
     believed, chance = read_hypotheses(last), last["probability"]
@@ -312,7 +360,10 @@ def is_damage_named(run: RecoverRun) -> bool | None:
     None where nothing is believed, or no hypothesis could say what is true.
     """
     true = reduce_damages(run.settings.legged_robot, run.settings.damage)
-    if not run.estimates or any(d.kind == "neuron_dead" for d in true):
+    named = {d.kind for d in true} <= set(ESTIMATED_KINDS)
+    if not run.estimates or (run.settings.method == "as-described" and not named):
         return None
+    if run.unlisted:
+        return False
     said = read_hypotheses(run.estimates[-1])[0]
     return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}

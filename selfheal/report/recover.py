@@ -54,8 +54,13 @@ def _write_lead(run: RecoverRun) -> str:
     s, spent, d = run.settings, run.result["actions"], run.result["distance"]
     end = ""
     if s.method != "hardware-only":
-        last = read_hypotheses(run.estimates[-1])[0]
-        end = f" In the end it believes: {describe_damages(last)}."
+        last = describe_damages(read_hypotheses(run.estimates[-1])[0])
+        end = f" In the end it believes: {last}."
+    if run.unlisted:
+        end = (
+            " No damage in its list explains what it sensed in the trials; the nearest "
+            f"is: {last}."
+        )
     return (
         f"What happened: {describe_damages(s.damage)}. Method: {s.method} "
         f"({METHODS[s.method]}). "
@@ -133,8 +138,10 @@ def _make_beliefs_section(run: RecoverRun) -> Section:
         ):
             sure = f"{100 * chance:.1f} %" if len(phase["probability"]) > 1 else ""
             rows.append((turn if k == 0 else "", said, sure))
-        tried = run.phases[f"explore-{turn}"]["why"]
-        rows.append(("", f"tried then: {tried}", ""))
+        if phase.get("unlisted"):
+            rows.append(("", "no listed damage explains the trials", ""))
+        if tried := run.phases.get(f"explore-{turn}"):
+            rows.append(("", f"tried then: {tried['why']}", ""))
     true = make_paragraph("What is true: ", describe_damages(run.settings.damage), ".")
     return Section(
         "What it took the damage for",

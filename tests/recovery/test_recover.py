@@ -94,10 +94,18 @@ def test_the_result_has_what_scripts_need(run):
     result = json.loads(json.dumps(run.result, allow_nan=False))
     assert list(result) == [
         *("format", "version", "robot", "seed", "scenario", "method", "damage"),
-        *("alarm", "hypotheses", "actions", "trials", "distance", "predicted"),
+        *(
+            "alarm",
+            "verdict",
+            "hypotheses",
+            "actions",
+            "trials",
+            "distance",
+            "predicted",
+        ),
         "seconds",
     ]
-    assert is_damage_named(run) is True
+    assert is_damage_named(run) is True and result["verdict"] == "listed"
     assert list(result["hypotheses"][0]) == ["kind", "target", "value", "probability"]
     assert len(result["trials"]) == result["actions"] == 1
     assert list(result["distance"]) == ["intact", "damaged", "healed", "best_known"]
@@ -124,6 +132,23 @@ def test_the_belief_never_depends_on_what_is_said_to_be_true(run):
     np.testing.assert_array_equal(
         run.phases["explore-1"]["weights"], other.phases["explore-1"]["weights"]
     )
+
+
+def test_where_no_listed_damage_explains_the_trials_gaits_of_other_searches_are_tried():
+    settings = _settings(number=10, trials=1, more_trials=2)  # neurons are not listed
+    *_, run = _steps(settings)
+    names = list(run.phases)
+    assert names[4:6] == ["trial-1", "estimate-2"] and run.unlisted
+    assert run.result["verdict"] == "unlisted" and run.result["hypotheses"] == []
+    assert is_damage_named(run) is False
+    ways = [trial.displacement for trial in run.trials[1:]]
+    assert len(ways) == 3 or ways[-1] >= run.phases["original"]["way"]
+    assert run.result["distance"]["healed"] >= round(max(ways), 4)
+    tried = [trial.weights for trial in run.trials]
+    assert len(np.unique(tried, axis=0)) == len(tried)
+    assert "nearest is" in make_recover_page(run)
+    kept = replace(run, phases={k: run.phases[k] for k in names[:6]}, result={})
+    assert _told(_steps(settings, kept)[-1]) == _told(run)
 
 
 def test_a_file_of_something_else_is_refused(tmp_path):
