@@ -169,10 +169,15 @@ def _summarize_run(run: "Run") -> Iterator[str]:
         measure_tip_distance,
     )
     from selfheal.body.genome import build_bodies
+    from selfheal.engine.channels import list_channels
 
     result, cycle = run.result, run.cycles[-1]
+    error = {
+        "tilt": "tilt error (left/right plus forward/back)",
+        "sensor": "error of all sensors, as degrees of tilt count",
+    }[list_channels(run.anatomy).error_name]
     yield (
-        f"tilt error (left/right plus forward/back): {result['tilt_error']:.2f} deg, "
+        f"{error}: {result['tilt_error']:.2f} deg, "
         f"the mean of {len(run.cycles)} actions"
     )
     if run.truth is not None:

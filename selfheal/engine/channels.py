@@ -87,6 +87,11 @@ class Channels:
         return self.code, self.part, self.axis
 
     @property
+    def error_name(self) -> str:
+        """What `shown` is the error of: "tilt" or "sensor"."""
+        return "tilt" if (self.code == SENSOR_KINDS["tilt"].code).any() else "sensor"
+
+    @property
     def shown(self) -> Floats:
         """(C) weights of what a run states as its error: of tilts, or else of all."""
         is_tilt = self.code == SENSOR_KINDS["tilt"].code

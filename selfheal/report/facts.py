@@ -12,14 +12,32 @@ from ..body.body import (
     measure_tip_distance,
 )
 from ..body.genome import HINGE_NAMES, Genomes, build_bodies
+from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 
 SIDES = ("left", "front", "right", "back")
-TILT_NAMES = ("left/right", "forward/back")
 # Rivals are called equal within the step in which tilts were read, 0.1 degrees an
 # action (papers.md 1.1), and near within five steps; both chosen.
 EQUAL, NEAR = 0.1, 0.5
 _MOVED, _LONGER = 5.0, 2.0  # [mm] what counts as another place, another length; chosen
+
+
+def choose_channels(run: Run, most: int) -> list[int]:
+    """Channels to show: those of the stated error, at most the worst predicted ones.
+
+    Channels that no action read are left out.
+
+    Args:
+        run: with a cycle.
+        most: how many.
+    """
+    channels = list_channels(run.anatomy)
+    felt = np.array([cycle.felt for cycle in run.cycles])
+    predicted = run.cycles[-1].tables[0][[cycle.action for cycle in run.cycles]]
+    known = np.isfinite(felt).any(axis=0)
+    gap = np.nan_to_num(np.abs(predicted - felt)).mean(axis=0) * channels.weight
+    worst = np.lexsort((-gap, channels.shown == 0, ~known))[:most]
+    return sorted(int(k) for k in worst if known[k])
 
 
 def format_thousands(count: float) -> str:
@@ -114,7 +132,8 @@ def list_rivals(run: Run) -> list[Rival]:
     last = run.cycles[-1]
     bodies = build_bodies(run.anatomy, last.genomes)
     away = measure_center_distance(bodies, bodies[:1])
-    gap = np.abs(last.tables - last.tables[:1])[..., :2].sum(axis=2)
+    shown = list_channels(run.anatomy).shown
+    gap = (np.abs(last.tables - last.tables[:1]) * shown)[..., shown > 0].sum(axis=2)
     apart = np.where(np.isnan(gap).all(axis=1), np.nan, np.nan_to_num(gap).max(axis=1))
     with np.errstate(invalid="ignore"):  # a diverged candidate's loss is infinite
         excess = (last.losses - last.losses[0]) / len(run.cycles)

@@ -11,6 +11,7 @@ import numpy as np
 from ..body.body import Bodies, Floats, concatenate_bodies
 from ..body.genome import build_bodies
 from ..diagnosis.output.result import Localization, Trace
+from ..engine.channels import list_channels
 from ..selfmodel.run import Cycle, Run
 from .draw import (
     NEUTRAL,
@@ -21,7 +22,7 @@ from .draw import (
     look_from_behind,
     measure_window,
 )
-from .facts import TILT_NAMES, find_right_edges, format_thousands, name_action
+from .facts import choose_channels, find_right_edges, format_thousands, name_action
 from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, make_canvas, shorten_label
 
 if TYPE_CHECKING:
@@ -154,10 +155,10 @@ def _set_cycle_ticks(ax: "Axes", run: Run) -> list[int]:
 
 
 def draw_progress(run: Run) -> "Figure":
-    """Tilt error and disagreement after every cycle, simulations along the top."""
-    fig = _make_figure(2.9)
+    """The error and disagreement after every cycle, simulations along the top."""
+    fig, name = _make_figure(2.9), list_channels(run.anatomy).error_name
     curves = {
-        "tilt error of the best candidate [deg]": [c.tilt_error for c in run.cycles],
+        f"{name} error of the best candidate [deg]": [c.tilt_error for c in run.cycles],
         "disagreement among the bodies [deg]": [c.disagreement for c in run.cycles],
     }
     cycle = np.arange(1, len(run.cycles) + 1)
@@ -181,17 +182,18 @@ def draw_progress(run: Run) -> "Figure":
     return fig
 
 
-def draw_tilts(run: Run) -> "Figure":
-    """Measured tilts of every action tried, and those of the best candidate."""
+def draw_readings(run: Run) -> "Figure":
+    """Two channels of every action tried, and those of the best candidate."""
+    known, channels = list_channels(run.anatomy), choose_channels(run, 2)
     tried = [c.action for c in run.cycles]
     measured = np.array([c.felt for c in run.cycles])
     predicted = run.cycles[-1].tables[0][tried]
     fig = _make_figure(0.9 + 0.24 * len(tried))
-    axes = fig.subplots(1, 2, sharex=True, sharey=True)
+    axes = fig.subplots(1, len(channels), sharex=True, sharey=True, squeeze=False)[0]
     place = np.arange(len(tried), dtype=float)
-    for channel, (ax, name) in enumerate(zip(axes, TILT_NAMES, strict=True)):
-        _draw_pairs(ax, place, measured[:, channel], predicted[:, channel])
-        ax.set_title(f"{name} tilt [deg]", loc="left", weight="bold")
+    for ax, k in zip(axes, channels, strict=True):
+        _draw_pairs(ax, place, measured[:, k], predicted[:, k])
+        ax.set_title(f"{known.names[k]} [{known.units[k]}]", loc="left", weight="bold")
     names = [shorten_label(name_action(run, a)) for a in tried]
     axes[0].set_yticks(place, names)
     axes[0].set_ylim(len(tried) - 0.5, -0.5)

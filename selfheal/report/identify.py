@@ -5,6 +5,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ..body.genome import build_bodies
+from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 from . import figures, tables
 from .facts import (
@@ -69,8 +70,9 @@ def _write_lead(run: Run) -> str:
         else f", with {right.sum()} of {right.size} attachments correct"
     )
     error = run.result.get("tilt_error", last.tilt_error)  # the last check's, if done
+    name = list_channels(run.anatomy).error_name
     return (
-        f"{unfinished}{body}, the best body explains the measured tilts to "
+        f"{unfinished}{body}, the best body explains the readings to a {name} error of "
         f"{format_number(error)} degrees an action{known}{_name_least_sure(run)}."
     )
 
@@ -132,9 +134,10 @@ def _make_candidates_section(run: Run) -> Section:
 def _make_progress_section(run: Run) -> Section:
     """Curves."""
     caption = (
-        "Tilt error: |left/right| + |forward/back| between the best candidate and the "
-        "robot, mean over the actions so far. Disagreement: standard deviation of the "
-        "tilts of all bodies that might be right, each counted as far as it is "
+        "Error: of tilts, |left/right| + |forward/back| between the best candidate and "
+        "the robot, mean over the actions so far; without tilts, of all sensors, in "
+        "as many degrees as they count like. Disagreement: standard deviation of the "
+        "same of all bodies that might be right, each counted as far as it is "
         "believed, mean over the actions not tried yet."
     )
     return Section(
@@ -148,10 +151,10 @@ def _make_tilts_section(run: Run) -> Section:
         "Every action tried, in order, by the joints that it sends down; all other "
         "joints go up. Predictions are those of the best candidate at the end."
     )
-    drawn = embed_figure(figures.draw_tilts(run), caption)
+    drawn = embed_figure(figures.draw_readings(run), caption)
     numbers = make_details("the numbers", tables.format_residuals(run))
     why = make_details("why each action was chosen", tables.format_reasons(run))
-    return Section("Predicted against measured tilt", (drawn, numbers, why))
+    return Section("Predicted against measured", (drawn, numbers, why))
 
 
 def _make_rivals_section(run: Run) -> Section:

@@ -4,16 +4,15 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from math import floor, isfinite, log10
 from typing import Any
 
-import numpy as np
-
 from ..body.genome import HINGE_NAMES
 from ..diagnosis.effects.nominal import is_unidentified, relative_bound
 from ..diagnosis.output.result import Candidate
+from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 from .facts import (
     SIDES,
-    TILT_NAMES,
     Rival,
+    choose_channels,
     find_true_side,
     format_number,
     format_percent,
@@ -31,6 +30,7 @@ from .page import (
 )
 
 _MOST_RIVALS = 12  # rows of the table; chosen
+_MOST_CHANNELS = 3  # that fit on a page; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
 _AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chosen
 GROWTH = "error without it"  # the head of a column
@@ -92,11 +92,11 @@ def format_simulations(run: Run) -> Html:
 def format_residuals(run: Run) -> Html:
     """A row an action: measured, predicted, and what is between them."""
     head = ["cycle", "joints down"]
-    units = [f"{n} [deg]" for n in TILT_NAMES] + ["clearance [mm]"]
-    felt = np.array([c.felt for c in run.cycles])
-    shown = [k for k in range(3) if k < 2 or np.isfinite(felt[:, k]).any()]
+    channels = list_channels(run.anatomy)
+    shown = choose_channels(run, _MOST_CHANNELS)
     for k in shown:
-        head += [f"{units[k]} measured", "predicted", "off by"]
+        name = f"{channels.names[k]} [{channels.units[k]}]"
+        head += [f"{name} measured", "predicted", "off by"]
     rows = []
     for n, cycle in enumerate(run.cycles):
         predicted = run.cycles[-1].tables[0][cycle.action]

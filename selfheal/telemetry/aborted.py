@@ -162,8 +162,8 @@ def find_unpowered(balance: TorqueBalance) -> list[Fault]:
     joints = [name_dof(balance, int(d)) for d in balance.dofs[lost]]
     return [Fault(
         "odd_episode", (episode,), (), joints[0],
-        f"in the last {seconds:.2g} s of episode {episode!r} {format_columns(joints)} "
-        "move as if nothing drove them: without the actuators' torques "
+        f"in the last {seconds:.2g} s of episode {episode!r} nothing seems to drive "
+        f"{format_columns(joints)}: without the actuators' torques "
         f"{100 * left:.2g} % of what is left with them is: it was aborted, say",
         p, OFF_BASIS, (f"leave episode {episode!r} out",),
     )]  # fmt: skip

@@ -96,7 +96,7 @@ def test_one_cycle_with_one_rival_has_a_page():
 def test_the_first_sentence_has_the_tilt_error_of_the_result():
     run = make_run()
     done = replace(run, result={"tilt_error": 43.21})
-    assert "measured tilts to 43.21 degrees" in _read_page(done)
+    assert "tilt error of 43.21 degrees" in _read_page(done)
     unfinished = change_last_cycle(replace(run, result={}), tilt_error=12.34)
     assert "measured tilts to 12.34 degrees" in _read_page(unfinished)
 
