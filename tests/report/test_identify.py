@@ -98,7 +98,7 @@ def test_the_first_sentence_has_the_tilt_error_of_the_result():
     done = replace(run, result={"tilt_error": 43.21})
     assert "tilt error of 43.21 degrees" in _read_page(done)
     unfinished = change_last_cycle(replace(run, result={}), tilt_error=12.34)
-    assert "measured tilts to 12.34 degrees" in _read_page(unfinished)
+    assert "tilt error of 12.34 degrees" in _read_page(unfinished)
 
 
 def test_missing_readings_and_diverged_rivals_have_a_page():
