@@ -25,7 +25,7 @@ _MOVED, _LONGER = 5.0, 2.0  # [mm] what counts as another place, another length;
 def choose_channels(run: Run, most: int) -> list[int]:
     """Channels to show: those of the stated error, at most the worst predicted ones.
 
-    Channels that no action read are left out.
+    Channels that no action read are left out, unless there are no others.
 
     Args:
         run: with a cycle.
@@ -37,7 +37,7 @@ def choose_channels(run: Run, most: int) -> list[int]:
     known = np.isfinite(felt).any(axis=0)
     gap = np.nan_to_num(np.abs(predicted - felt)).mean(axis=0) * channels.weight
     worst = np.lexsort((-gap, channels.shown == 0, ~known))[:most]
-    return sorted(int(k) for k in worst if known[k])
+    return sorted(int(k) for k in worst if known[k] or not known.any())
 
 
 def format_thousands(count: float) -> str:
