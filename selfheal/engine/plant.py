@@ -8,6 +8,7 @@ from ..body.body import Bodies, Floats, scale_parts
 from ..body.changes import follow_with_play, limit_rate, list_subtree
 from ..body.damage import Damage
 from ..body.mjcf import Physics
+from ..errors import InputError
 
 # Rated limits of the robot of 2006 (overview.txt, 3.1 and 2.2): 200 oz in, 60 deg/s,
 # hips -96 to 74 degrees, knees -96 to 94.
@@ -55,7 +56,17 @@ class Plant:
 
 
 def build_rated_plant(body: Bodies) -> Plant:
-    """The plant as its maker states it: rated servos, no play, level ground."""
+    """The plant as its maker states it: rated servos, no play, level ground.
+
+    Raises:
+        InputError: it cannot walk, or its parts stand in another order.
+    """
+    if body.anatomy.fixed or not body.anatomy.ordered:
+        why = "is bolted down" if body.anatomy.fixed else "lists parts before parents"
+        raise InputError(
+            f"robot {body.anatomy.name!r} {why}; would fit: one with a free torso, its "
+            "actuators in the order of its parts, parents first"
+        )
     joints = body.anatomy.joints
     ends = np.array([_RANGE["knee" if "knee" in j else "hip"] for j in joints])
     zero = np.zeros(len(joints))

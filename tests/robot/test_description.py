@@ -7,6 +7,7 @@ import pytest
 
 import selfheal
 from selfheal.body.mjcf import format_mjcf
+from selfheal.engine.plant import build_rated_plant
 from selfheal.errors import InputError
 from selfheal.recording import Recording, read, write
 from selfheal.robot.open_robot import open_robot
@@ -159,6 +160,12 @@ def test_the_body_of_an_arm_whose_links_stand_in_any_order_is_found(tmp_path):
     assert (tmp_path / "run" / "report.html").exists()
     again = selfheal.identify(resume=tmp_path / "run" / "run.h5")
     assert again.result["parent"] == [3, 1, 0]
+
+
+def test_a_bolted_robot_is_refused_where_it_should_walk(tmp_path):
+    arm = open_robot(_describe(tmp_path))
+    with pytest.raises(InputError, match="'arm' is bolted down; would fit"):
+        build_rated_plant(arm.truth)
 
 
 def test_an_mjcf_is_read_as_the_body_that_it_states(tmp_path):
