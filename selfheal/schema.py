@@ -100,9 +100,9 @@ class ArraySchema:
         wrong |= np.isfinite(values) & (np.abs(values) > _LARGEST_NUMBER)
         if wrong.any():
             return f"{values[wrong][0]:g} somewhere"
-        return (
-            "a part that hangs on itself" if self.is_tree and _has_ring(values) else ""
-        )
+        if self.is_tree and not is_tree(values).all():
+            return "a part that hangs on itself"
+        return ""
 
     def convert(self, values: np.ndarray) -> np.ndarray:
         """Fitting values (...) as this program computes with them, (...)."""
@@ -124,12 +124,12 @@ class ArraySchema:
         return said
 
 
-def _has_ring(parent: np.ndarray) -> bool:
-    """Whether a part of some tree (..., P) never comes to the torso by its parents."""
+def is_tree(parent: np.ndarray) -> np.ndarray:
+    """(...) whether all parts (..., P) come to the torso, 0, by their parents."""
     at = whole = np.concatenate([np.zeros_like(parent[..., :1]), parent], axis=-1)
     for _ in range(parent.shape[-1]):
         at = np.take_along_axis(whole, at, axis=-1)
-    return bool(at.any())
+    return (at == 0).all(axis=-1)
 
 
 @dataclass(frozen=True)

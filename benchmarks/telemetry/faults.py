@@ -8,10 +8,11 @@ from functools import partial
 import mujoco
 import numpy as np
 
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Episode, Recording
 from selfheal.telemetry.joints import JointColumns, list_joints
 
 Values = np.ndarray
+Change = Callable[[Values, Values], Values]
 DRIFT = 0.25  # [s] by which a clock is late when the longest episode ends
 ODD_AMONG = 4  # episodes of which one is made odd
 ODD_ZERO = 1.0  # of a position's standard deviation, by which a zero is off
@@ -64,7 +65,7 @@ def inject_faults(
         columns |= {b: a for a, b in columns.items()}
         yield Injection(
             "exchange", ("exchange",), frozenset(columns),
-            _edit(recording, lambda e: _exchange(e, columns)), model,
+            exchange_columns(recording, columns), model,
         )  # fmt: skip
     first = next(iter(recording.episodes.values()))
     torques = [n for n, s in first.signals.items() if s.kind == "joint_torque"]
@@ -72,7 +73,7 @@ def inject_faults(
         pair = dict(zip(torques[:2], torques[1::-1], strict=True))
         yield Injection(
             "exchanged torques", ("exchange",), frozenset(pair),
-            _edit(recording, lambda e: _exchange(e, pair)), model,
+            exchange_columns(recording, pair), model,
         )  # fmt: skip
     yield from _inject_bodies(recording, model)
     yield from _inject_times(recording, model)
@@ -97,7 +98,7 @@ def _inject_joint(
     both, position = frozenset(joint.columns), frozenset([joint.position])
 
     def scale(factor: float, columns: frozenset[str]) -> Recording:
-        return _edit(recording, lambda e: _change(e, columns, lambda t, x: factor * x))
+        return change_columns(recording, columns, lambda t, x: factor * x)
 
     yield Injection("sign", ("sign",), both, scale(-1, both), model)
     yield Injection("degrees", ("unit",), both, scale(180 / np.pi, both), model)
@@ -107,33 +108,23 @@ def _inject_joint(
         yield Injection(
             "velocity in degrees", ("unit",), speed, scale(180 / np.pi, speed), model
         )
-    frozen = _edit(recording, lambda e: _change(e, position, lambda t, x: 0 * x + x[0]))
+    frozen = change_columns(recording, position, lambda t, x: 0 * x + x[0])
     yield Injection("frozen", ("frozen",), position, frozen, model)
     if joint.velocity or joint.servo:
         late = LATE_VELOCITY if joint.velocity else LATE_COMMAND
-        delayed = _edit(
-            recording, lambda e: _change(e, position, lambda t, x: _delay(t, x, late))
-        )
+        delayed = change_columns(recording, position, lambda t, x: _delay(t, x, late))
         yield Injection("late", ("delay",), both, delayed, model)
     samples = int(rng.integers(*HOLDS))
-    stale = _edit(
-        recording, lambda e: _change(e, both, lambda t, x: _hold_samples(x, samples))
-    )
+    stale = change_columns(recording, both, lambda t, x: _hold_samples(x, samples))
     if len(recording.episodes) >= ODD_AMONG:
         yield from _inject_odd(recording, model, joint, rng)
     yield Injection("repeated", ("stale",), both, stale, model)
     limited = _narrow(recording, model, joint, PERCENT_SHARE)
     low, high = limited.jnt_range[joint.number]
-    percent = _edit(recording, partial(
-        _change, columns=both - position,
-        change=partial(_rescale, factor=100 / (high - low), zero=0.0),
-    ))  # fmt: skip
-    percent = _edit(percent, partial(
-        _change, columns=position,
-        change=partial(
-            _rescale, factor=100 / (high - low), zero=-100 * low / (high - low)
-        ),
-    ))  # fmt: skip
+    rescale = partial(_rescale, factor=100 / (high - low))
+    percent = change_columns(recording, both - position, partial(rescale, zero=0.0))
+    zero = -100 * low / (high - low)
+    percent = change_columns(percent, position, partial(rescale, zero=zero))
     yield Injection("percent of the range", ("unit",), both, percent, limited)
     yield Injection(
         "range", ("joint_range",), position, recording,
@@ -186,9 +177,7 @@ def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
     ):
         if of and sum(np.ptp(e.time) for e in recording.episodes.values()) > SHORT:
             change = partial(_stretch, slope=DRIFT / longest)
-            drifting = _edit(
-                recording, partial(_change, columns=columns, change=change)
-            )
+            drifting = change_columns(recording, columns, change)
             yield Injection(name, ("clock_drift",), of, drifting, model)
 
 
@@ -197,7 +186,7 @@ def _inject_bodies(recording: Recording, model: mujoco.MjModel) -> Iterator[Inje
     for name, signal in first.signals.items():
         if signal.kind == "body_orientation":
             column = frozenset([name])
-            other = _edit(recording, partial(_change, columns=column, change=_roll))
+            other = change_columns(recording, column, _roll)
             yield Injection("order", ("quaternion_order",), column, other, model)
 
 
@@ -224,9 +213,14 @@ def _edit(recording: Recording, change: Callable[[Episode], Episode]) -> Recordi
     return replace(recording, episodes=episodes)
 
 
-def _change(
-    e: Episode, columns: frozenset[str], change: Callable[[Values, Values], Values]
-) -> Episode:
+def change_columns(
+    recording: Recording, columns: frozenset[str], change: Change
+) -> Recording:
+    """A recording with some signals changed, by their times and values."""
+    return _edit(recording, lambda e: _change(e, columns, change))
+
+
+def _change(e: Episode, columns: frozenset[str], change: Change) -> Episode:
     """An episode with some signals changed; the state it begins with is left out."""
     signals = {
         name: replace(s, values=change(e.time, s.values)) if name in columns else s
@@ -245,13 +239,17 @@ def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
     return factor * x + zero
 
 
-def _exchange(e: Episode, columns: dict[str, str]) -> Episode:
-    def read(name: str, signal: Signal) -> Signal:
-        other = e.signals[columns[name]] if name in columns else signal
-        return replace(signal, values=other.values)
+def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording:
+    """A recording in which each of some columns has the readings of another."""
 
-    signals = {name: read(name, s) for name, s in e.signals.items()}
-    return replace(e, signals=signals, qpos0=None, qvel0=None)
+    def exchange(e: Episode) -> Episode:
+        signals = {
+            name: replace(s, values=e.signals[columns.get(name, name)].values)
+            for name, s in e.signals.items()
+        }
+        return replace(e, signals=signals, qpos0=None, qvel0=None)
+
+    return _edit(recording, exchange)
 
 
 def _select(e: Episode, rows: np.ndarray) -> Episode:

@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.telemetry.drawn_robots import DrawnRobot
-from selfheal.recording import Episode, Recording
+from benchmarks.telemetry.faults import change_columns, exchange_columns
+from selfheal.recording import Recording
 
 Values = np.ndarray
 DEGREES = 180 / np.pi
@@ -71,16 +72,15 @@ def _edit(
         change: of their values.
         ctrl: of all commands (T, n).
     """
-
-    def edit(e: Episode) -> Episode:
-        signals = {
-            n: replace(s, values=change(s.values)) if n in columns else s
-            for n, s in e.signals.items()
-        }
-        return replace(e, signals=signals, ctrl=ctrl(e.ctrl) if ctrl else e.ctrl)
-
-    episodes = {k: edit(e) for k, e in robot.recording.episodes.items()}
-    return replace(robot.recording, episodes=episodes)
+    recording = change_columns(
+        robot.recording, frozenset(columns), lambda _, x: change(x)
+    )
+    if ctrl is None:
+        return recording
+    episodes = recording.episodes.items()
+    return replace(
+        recording, episodes={k: replace(e, ctrl=ctrl(e.ctrl)) for k, e in episodes}
+    )
 
 
 def make_unit(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
@@ -124,16 +124,7 @@ def make_exchange(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     """Two joints whose columns are exchanged."""
     one, other = (_list_columns(robot, j) for j in _choose(robot, rng, 2))
     pairs = dict(zip([*one, *other], [*other, *one], strict=True))
-
-    def exchange(e: Episode) -> Episode:
-        signals = {
-            n: replace(s, values=e.signals[pairs.get(n, n)].values)
-            for n, s in e.signals.items()
-        }
-        return replace(e, signals=signals)
-
-    episodes = {k: exchange(e) for k, e in robot.recording.episodes.items()}
-    recording = replace(robot.recording, episodes=episodes)
+    recording = exchange_columns(robot.recording, pairs)
     return Setup("exchange", ("exchange",), frozenset(pairs), recording, robot.xml)
 
 
@@ -166,6 +157,11 @@ def make_foreign(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     return Setup("foreign rows", ("zeros",), frozenset(columns), recording, robot.xml)
 
 
+def _set_model(robot: DrawnRobot, name: str, kind: str, root: ET.Element) -> Setup:
+    """The robot's recording with another model, which is named by one kind of fault."""
+    return Setup(name, (kind,), frozenset(), robot.recording, _text(root))
+
+
 def make_goals(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     """Goals, sent to what the model has as torque motors."""
     if not robot.gains:
@@ -175,9 +171,7 @@ def make_goals(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
         drive.tag = "motor"
         for name in ("kp", "kv"):
             del drive.attrib[name]
-    return Setup(
-        "goals to motors", ("actuator_type",), frozenset(), robot.recording, _text(root)
-    )
+    return _set_model(robot, "goals to motors", "actuator_type", root)
 
 
 def make_no_actuators(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
@@ -186,9 +180,7 @@ def make_no_actuators(robot: DrawnRobot, rng: np.random.Generator) -> Setup | No
     drives = root.find("actuator")
     assert drives is not None
     root.remove(drives)
-    return Setup(
-        "no actuators", ("no_actuator",), frozenset(), robot.recording, _text(root)
-    )
+    return _set_model(robot, "no actuators", "no_actuator", root)
 
 
 def make_free_base(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
@@ -197,9 +189,7 @@ def make_free_base(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     trunk = root.find(".//body[@name='trunk']")
     assert trunk is not None
     trunk.insert(0, ET.Element("freejoint", name="root"))
-    return Setup(
-        "unread base", ("free_base",), frozenset(), robot.recording, _text(root)
-    )
+    return _set_model(robot, "unread base", "free_base", root)
 
 
 def make_contact(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
@@ -216,10 +206,7 @@ def make_contact(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     shapes[1].set(
         "fromto", " ".join(["0 0", f"{-rng.uniform(0, 0.03):.4f}", *ends[3:]])
     )
-    return Setup(
-        "standing contact", ("permanent_contact",), frozenset(), robot.recording,
-        _text(root),
-    )  # fmt: skip
+    return _set_model(robot, "standing contact", "permanent_contact", root)
 
 
 def make_short_run(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from ..robot.base import Robot
     from ..selfmodel.run import Run, Settings
 
-CYCLES = 16  # papers.md 1.4
 _RUN, _MODEL = "run.h5", "best.xml"
 
 
@@ -92,7 +91,7 @@ def identify(
     settings = _make_settings(robot, **options)
     robot = _open_robot(robot, settings)
     if options.get("cycles") is None:
-        settings = replace(settings, cycles=min(CYCLES, len(robot.actions)))
+        settings = replace(settings, cycles=min(settings.cycles, len(robot.actions)))
     check_settings(settings, robot)
     kind = settings.robot.replace(":", "-")
     kind = robot.anatomy.name if is_described(settings.robot) else kind
@@ -114,12 +113,12 @@ def _make_settings(
     from ..selfmodel.strategy import BUDGETS
 
     recordings, budget = options.pop("recordings", None), options.pop("budget", None)
-    cycles = options.pop("cycles", None)
     method, rest = options.get("method", "default"), cast(dict[str, Any], options)
+    if rest.get("cycles") is None:
+        rest.pop("cycles", None)
     name = robot if isinstance(robot, str) else robot.name
     return Settings(
         robot=os.path.realpath(name) if is_described(name) else name,
-        cycles=CYCLES if cycles is None else cycles,
         recordings=os.fspath(Path(recordings).resolve()) if recordings else "",
         budget=BUDGETS.get(method, 1) if budget is None else budget,
         **rest,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 GRAVITY = 9.81  # [m/s^2]
+BELLY_SENSOR = 0.01  # [m] contract: it sits this far inside the torso's belly
 Rows = slice | list[int] | Ints | NDArray[np.bool_]
 
 
@@ -169,21 +170,12 @@ def compute_rest_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     return origin, frame
 
 
-def list_depth_first(parent: Ints) -> list[int]:
-    """Parts 1..P of one tree (P), parents before their children."""
+def list_parents_first(parent: Ints) -> list[int]:
+    """Parts 1..P of one tree (P), those nearer to the torso first."""
     found = [0]
     for part in found:
         found += [int(k) + 1 for k in np.flatnonzero(parent == part)]
     return found[1:]
-
-
-def is_tree(parent: Ints) -> np.ndarray:
-    """(N) whether each part of N graphs (N, P) hangs on the torso in the end."""
-    at = np.broadcast_to(np.arange(1, parent.shape[1] + 1), parent.shape)
-    whole = np.hstack([np.zeros((len(parent), 1), np.int64), parent])
-    for _ in range(parent.shape[1]):
-        at = np.take_along_axis(whole, at, axis=1)
-    return (at == 0).all(axis=1)
 
 
 def compute_part_points(bodies: Bodies, along: float) -> Floats:

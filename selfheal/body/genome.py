@@ -119,21 +119,18 @@ def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     )
 
 
-def relabel_trees(genomes: Genomes, order: Ints) -> Genomes:
-    """Trees in which part i became part order[i]; hinges and lengths stay the parts'.
+def relabel_parts(genomes: Genomes, order: Ints) -> Genomes:
+    """Bodies in which part i became part order[i], with all its genes.
 
     Args:
-        genomes: N trees.
+        genomes: N bodies.
         order: (N, P) permutations of 0..P-1.
     """
     label = np.hstack([np.zeros((len(order), 1), np.int64), order + 1])
     back = np.argsort(order, axis=1)
     parent = np.take_along_axis(label, genomes.parent, axis=1)
-    return replace(
-        genomes,
-        parent=np.take_along_axis(parent, back, axis=1),
-        placement=np.take_along_axis(genomes.placement, back, axis=1),
-    )
+    genes = parent, genomes.placement, genomes.hinge, genomes.length
+    return Genomes(*(np.take_along_axis(gene, back, axis=1) for gene in genes))
 
 
 def center_on_sides(genomes: Genomes) -> Genomes:
@@ -213,5 +210,6 @@ def draw_genomes(
     if not anatomy.ordered:
         every = np.arange(anatomy.size)
         order = rng.permuted(np.tile(every, (count, 1)), axis=1)
-        genomes = relabel_trees(genomes, order)
+        moved = relabel_parts(genomes, order)
+        genomes = replace(moved, hinge=genomes.hinge, length=genomes.length)
     return center_on_sides(genomes) if sides else genomes

@@ -10,12 +10,16 @@ from ..errors import ModelError
 from ..limited_reading import explain_dangerous
 from ..printable import join_names
 from ..recording import read_spec
-from .body import GRAVITY, Anatomy, Bodies, Floats, list_depth_first
+from .body import (
+    BELLY_SENSOR,
+    GRAVITY,
+    Anatomy,
+    Bodies,
+    Floats,
+    list_parents_first,
+)
 from .changes import compute_direction, tilt_gravity
 from .genome import HINGE_AXES, UP
-
-BELLY_SENSOR = 0.01  # [m] the belly sensor sits this far inside (starfish_2006)
-
 
 _SAME_AXIS = 1e-6  # by which directions of one kind differ in an MJCF [1 or rad]
 
@@ -178,7 +182,7 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
     )
     spec.worldbody.add_site(name="level")
     hung = {0: _add_torso(spec, bodies.anatomy, physics)}
-    for part in list_depth_first(bodies.parent[row]):
+    for part in list_parents_first(bodies.parent[row]):
         on = hung[int(bodies.parent[row, part - 1])]
         hung[part] = _add_part(on, bodies, row, part - 1, physics)
     _add_servos_and_sensors(spec, bodies.anatomy, physics)

@@ -4,6 +4,7 @@ A sensor is named `tilt`, `clearance`, or by its kind and part, as `touch:shin` 
 has one channel or three.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,31 +24,36 @@ class SensorKind:
 
     Attributes:
         code: of the kind in `_settle`.
-        width: channels.
-        unit: of them.
+        unit: of its channels.
         weight: of a channel's error in the loss: what a degree of tilt is [1/unit].
         noise: by which a right prediction is off [unit].
+        axes: of its channels; one without a name where it has one channel.
         of_part: whether it is a part's.
     """
 
     code: int
-    width: int
     unit: str
     weight: float
     noise: float
+    axes: Sequence[str] = ("",)
     of_part: bool = True
+
+    @property
+    def width(self) -> int:
+        """Channels."""
+        return len(self.axes)
 
 
 # A millimeter counts like half a degree, about the ratio of their residuals on the
 # right body (2006 readings: 0.2 deg a tilt, 0.8 mm). Directions are in degrees, too. A
 # foot that touches otherwise counts as a reading off by four degrees; chosen.
 SENSOR_KINDS = {
-    "tilt": SensorKind(0, 2, "deg", 1.0, 0.2, of_part=False),
-    "clearance": SensorKind(1, 1, "mm", 0.5, 0.5, of_part=False),
-    "touch": SensorKind(2, 1, "1", 4.0, 0.0),
-    "gravity": SensorKind(3, 3, "deg", 1.0, 0.3),
-    "position": SensorKind(4, 3, "mm", 0.5, 1.0),
-    "torque": SensorKind(5, 1, "N m", 20.0, 0.02),
+    "tilt": SensorKind(0, "deg", 1.0, 0.2, ("left/right", "forward/back"), False),
+    "clearance": SensorKind(1, "mm", 0.5, 0.5, of_part=False),
+    "touch": SensorKind(2, "1", 4.0, 0.0),
+    "gravity": SensorKind(3, "deg", 1.0, 0.3, "xyz"),
+    "position": SensorKind(4, "mm", 0.5, 1.0, "xyz"),
+    "torque": SensorKind(5, "N m", 20.0, 0.02),
 }
 # beyond which a miss is as good as another [in degrees of tilt]; chosen: farther off,
 # a pose is another rest of the body, and how far says nothing more
@@ -97,6 +103,11 @@ class Channels:
         is_tilt = self.code == SENSOR_KINDS["tilt"].code
         return is_tilt.astype(float) if is_tilt.any() else self.weight
 
+    def weigh_shown(self, values: Floats) -> Floats:
+        """Channels (..., C) of the stated error, by their weights (..., K)."""
+        shown = self.shown
+        return values[..., shown > 0] * shown[shown > 0]
+
 
 def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
     """Kind and part (0 for the torso) of a sensor.
@@ -140,7 +151,6 @@ def _list_channels(
         fixed: whether it is bolted down: nothing it does ends in another rest.
     """
     rows, names = list[tuple[int, int, int, SensorKind]](), list[str]()
-    axes = {"tilt": ("left/right", "forward/back"), "gravity": "xyz", "position": "xyz"}
     for name in sensors:
         kind, part = parse_sensor(name, parts)
         if (name == "clearance" or name.startswith("touch")) and fixed:
@@ -151,8 +161,7 @@ def _list_channels(
                 "robot on the floor stands on forces that nothing tells apart"
             )
         rows += [(kind.code, part, k, kind) for k in range(kind.width)]
-        own = axes.get(name.partition(":")[0], ("",))
-        names += [f"{name} {axis}".strip() for axis in own]
+        names += [f"{name} {axis}".strip() for axis in kind.axes]
     kinds = [kind for *_, kind in rows]
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
     weight = np.array([kind.weight for kind in kinds])

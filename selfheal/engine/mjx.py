@@ -22,7 +22,7 @@ from ._mjx_body import (
     plan_motion,
 )
 from ._program_cache import keep_exported, read_exported
-from .readings import Readings, compute_readings
+from .readings import Readings, compute_readings, pack_inputs
 
 # Joints move from 0 to their target, then hold [s]. Chosen: the fastest that rests
 # where the reference does, which takes 2 s and 1 s.
@@ -67,7 +67,9 @@ class Mjx:
             rest = self._simulate_to_rest(bodies, targets)
         sizes = np.hstack([bodies.length, bodies.thickness, bodies.mass])
         rest[~((sizes > 0).all(axis=1) & (rest[:, 4] < FASTEST))] = np.nan
-        return compute_readings(bodies, rest[:, :3], rest[:, 3], rest[:, 5:], targets)
+        return compute_readings(
+            bodies, pack_inputs(bodies), rest[:, :3], rest[:, 3], rest[:, 5:], targets
+        )
 
     def prepare(self, anatomy: Anatomy) -> bool:
         """Load what an earlier run compiled for an anatomy; may run in any thread.

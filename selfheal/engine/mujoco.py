@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from .readings import Readings, compute_readings
+from .readings import Readings, compute_readings, pack_inputs
 
 # Joints move from 0 to their target, then hold [s]. Chosen: 15 degrees a second, a
 # quarter of the real servos' speed, so that a body rests where it is set down and not
@@ -42,7 +42,7 @@ class MuJoCo:
                 )
             )
         up, height, tips, angles = (np.concatenate(x) for x in zip(*rests, strict=True))
-        return compute_readings(bodies, up, height, tips, angles)
+        return compute_readings(bodies, pack_inputs(bodies), up, height, tips, angles)
 
     def _simulate_to_rest(
         self, bodies: Bodies, rows, targets: Floats

@@ -35,12 +35,18 @@ class Readings:
 
 
 def compute_readings(
-    bodies: Bodies, up: Floats, height: Floats, tips: Floats, angles: Floats
+    bodies: Bodies,
+    packed: tuple[tuple, tuple],
+    up: Floats,
+    height: Floats,
+    tips: Floats,
+    angles: Floats,
 ) -> Readings:
     """Readings of bodies at rest.
 
     Args:
         bodies: N.
+        packed: from `pack_inputs`.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].
         tips: (N, F) height of each foot's lowest point [m].
@@ -60,9 +66,9 @@ def compute_readings(
     tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
     touch = (tips < TOUCH_HEIGHT).astype(float)
     angles, channels = np.array(angles, float), np.empty((len(up), len(columns)))
-    packed, known = pack_inputs(bodies)
+    rows, known = packed
     sense_batch(
-        *packed, *known, angles, np.ascontiguousarray(up),
+        *rows, *known, angles, np.ascontiguousarray(up),
         np.ascontiguousarray(height), columns.columns, channels,
     )  # fmt: skip
     for values in (tilt, clearance, touch, angles, channels):

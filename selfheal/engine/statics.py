@@ -42,7 +42,7 @@ class Statics:
         a = bodies.anatomy
         targets = np.ascontiguousarray(targets, float)
         out = np.empty((len(bodies), 4 + a.size))
-        packed, known = pack_inputs(bodies)
+        packed, known = inputs = pack_inputs(bodies)
 
         def run(rows: slice) -> None:
             settle_batch(
@@ -53,7 +53,7 @@ class Statics:
 
         self._run_in_threads(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet, int)]
-        return compute_readings(bodies, out[:, :3], out[:, 3], feet, targets)
+        return compute_readings(bodies, inputs, out[:, :3], out[:, 3], feet, targets)
 
     def _count_substeps(self, anatomy: Anatomy) -> int:
         """Sub-steps of the ramp; none of a robot that is bolted down."""

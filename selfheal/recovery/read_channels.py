@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats
-from ..body.mjcf import BELLY_SENSOR
+from ..body.body import BELLY_SENSOR, Anatomy, Floats
 from ..engine.walk import Channels, list_channels
 from ..errors import RecordingError
 from ..recording import Episode, Recording

@@ -132,8 +132,8 @@ def list_rivals(run: Run) -> list[Rival]:
     last = run.cycles[-1]
     bodies = build_bodies(run.anatomy, last.genomes)
     away = measure_center_distance(bodies, bodies[:1])
-    shown = list_channels(run.anatomy).shown
-    gap = (np.abs(last.tables - last.tables[:1]) * shown)[..., shown > 0].sum(axis=2)
+    gap = np.abs(last.tables - last.tables[:1])
+    gap = list_channels(run.anatomy).weigh_shown(gap).sum(axis=2)
     apart = np.where(np.isnan(gap).all(axis=1), np.nan, np.nan_to_num(gap).max(axis=1))
     with np.errstate(invalid="ignore"):  # a diverged candidate's loss is infinite
         excess = (last.losses - last.losses[0]) / len(run.cycles)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field
 from pydantic.dataclasses import dataclass as checked
 
-from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso, is_tree
+from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
 from ..body.genome import HINGE_NAMES, UP, build_bodies, encode_tree
 from ..documents import read_toml
 from ..engine.channels import SENSOR_KINDS, list_channels
@@ -24,7 +24,8 @@ from ..errors import InputError, UnknownNameError
 from ..files import check_file
 from ..printable import join_names, quote_name
 from ..recording import Recording, read
-from .actions import list_actions_2006
+from ..schema import is_tree
+from .actions import SWING, list_actions_2006
 from .base import Robot
 from .replay import replay
 from .rest_readings import make_rest_episode, name_signal_of
@@ -289,7 +290,7 @@ def list_actions(described: Description, anatomy: Anatomy) -> Floats:
         )
     if rows:
         return np.radians(np.unique(np.array(rows), axis=0))
-    scale = np.radians(described.actions.swing) / np.radians(30.0)
+    scale = np.radians(described.actions.swing) / SWING
     return list_actions_2006(anatomy.size) * scale
 
 
@@ -348,10 +349,10 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
         from ..body.mjcf import load
 
         check_file(path)
-        truth: Bodies | None = load(path)
-        assert truth is not None
-        anatomy, described = truth.anatomy, None
-        actions, driver = list_actions_2006(anatomy.size), ""
+        body = load(path)
+        truth: Bodies | None = body
+        anatomy, actions = body.anatomy, list_actions_2006(body.anatomy.size)
+        driver = ""
     else:
         described = read_description(path)
         try:

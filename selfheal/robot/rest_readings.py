@@ -4,18 +4,20 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats
+from ..body.body import BELLY_SENSOR, Anatomy, Floats
 from ..engine.channels import parse_sensor
 from ..errors import RecordingError
 from ..recording import Episode, Recording, Signal
 
-BELLY_SENSOR = 0.01  # [m] contract: the clearance sensor sits this far in the torso
-# by kind of sensor: the signal that reads it, of which part or joint
-_SIGNALS = {"tilt": "vertical", "clearance": "clearance", "touch": "{part}_touch",
-            "gravity": "{part}_vertical", "position": "{part}_tip",
-            "torque": "{joint}_torque"}  # fmt: skip
-UNITS = {"tilt": "1", "clearance": "m", "touch": "1", "gravity": "1", "position": "m",
-         "torque": "N m"}  # fmt: skip
+# by kind of sensor: the signal that reads it, of which part or joint, and its unit
+_SIGNALS = {
+    "tilt": ("vertical", "1"),
+    "clearance": ("clearance", "m"),
+    "touch": ("{part}_touch", "1"),
+    "gravity": ("{part}_vertical", "1"),
+    "position": ("{part}_tip", "m"),
+    "torque": ("{joint}_torque", "N m"),
+}
 
 
 def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
@@ -27,7 +29,7 @@ def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
     """
     kind, _, part = sensor.partition(":")
     joint = anatomy.joints[anatomy.parts.index(part)] if part else ""
-    return _SIGNALS[kind].format(part=part, joint=joint)
+    return _SIGNALS[kind][0].format(part=part, joint=joint)
 
 
 def count_columns(sensor: str, anatomy: Anatomy) -> int:
@@ -109,7 +111,7 @@ def make_rest_episode(
         joint = name.removesuffix("_torque")
         signals[name] = _make_rest_signal(
             values, f"{joint}_servo" if is_torque else name,
-            "joint_torque" if is_torque else "sensor", UNITS[kind],
+            "joint_torque" if is_torque else "sensor", _SIGNALS[kind][1],
         )  # fmt: skip
     for joint, angle in zip(anatomy.joints, () if angles is None else angles,
                             strict=angles is not None):  # fmt: skip

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import BELLY_SENSOR, Bodies, Floats
 from ..body.damage import Damage
-from ..body.mjcf import BELLY_SENSOR, Physics
+from ..body.mjcf import Physics
 from ..engine.channels import TOUCH_HEIGHT
 from ..engine.plant import Plant, apply_damages, build_rated_plant
 from ..engine.walk import PERIOD, SAMPLE, Walks, compute_clearance, simulate_walks

@@ -164,6 +164,10 @@ class Evaluator:
         )
         return flat.reshape(len(bodies), count, -1)
 
+    def compute_table_losses(self, table: Floats, evidence: Evidence) -> Floats:
+        """(n) losses of a body under the actions tried, from its table (A, C)."""
+        return self.loss(table[list(evidence.tried)], evidence.measured)
+
     def compute_losses(
         self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
     ) -> tuple[Floats, Floats]:

@@ -166,7 +166,6 @@ class _IdentifyLoop:
         genomes, tables, losses = self._list_rivals()
         left = np.setdiff1d(np.arange(len(self.robot.actions)), self.evidence.tried)
         foreseen, belief = self.strategy.predict_tables()
-        shown = self.channels.shown
         cycle = Cycle(
             action=action,
             why=why,
@@ -177,7 +176,7 @@ class _IdentifyLoop:
             sureness=np.full(self.robot.anatomy.size, np.nan),
             tilt_error=np.nan,
             disagreement=measure_disagreement(
-                (foreseen * shown)[:, left][..., shown > 0], belief
+                self.channels.weigh_shown(foreseen[:, left]), belief
             ),
             spent=self.evaluator.spent,
             seconds=np.nan,
@@ -216,8 +215,7 @@ class _IdentifyLoop:
             counts = counts | {"mjx": self.second.spent}
             state = state | self.second.capture_state()
         tried, measured = list(searched.evidence.tried), searched.evidence.measured
-        shown = self.channels.shown
-        gap = np.abs(cycle.tables[0, tried] - measured)[:, shown > 0]
+        gap = self.channels.weigh_shown(np.abs(cycle.tables[0, tried] - measured))
         cycle = replace(
             cycle,
             sureness=compute_attachment_probability(
@@ -226,7 +224,7 @@ class _IdentifyLoop:
                 survived=_count_survived(run, cycle.genomes),
                 ordered=run.anatomy.ordered,
             ),
-            tilt_error=float((gap * shown[shown > 0]).sum(axis=1).mean()),
+            tilt_error=float(gap.sum(axis=1).mean()),
         )
         self.seconds += time.perf_counter() - start
         cycle = replace(cycle, seconds=self.seconds)
@@ -359,9 +357,8 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     counts = dict(run.counts) | {"choice": loop.evaluator.spent_choosing}
     counts["mujoco"] = counts.get("mujoco", 0) + len(every)
     tried = list(loop.evidence.tried)
-    shown = loop.channels.shown
-    gap = np.abs(seen[tried] - loop.evidence.measured)[:, shown > 0]
-    gap = (gap * shown[shown > 0]).sum(axis=1)
+    gap = np.abs(seen[tried] - loop.evidence.measured)
+    gap = loop.channels.weigh_shown(gap).sum(axis=1)
     gap = gap[np.isfinite(gap)]
     space = find_space(settings.space, ordered=robot.anatomy.ordered)
     alike = keep_others(

@@ -34,7 +34,7 @@ def find_plainest(
         The genome (1), and its table (A, C).
     """
     best, seen = genome, table
-    most = _measure_loss(evaluator, table, evidence)
+    most = float(evaluator.compute_table_losses(table, evidence).sum())
     off = np.abs(center_on_sides(genome).placement - genome.placement)[0]
     every = [np.flatnonzero(off > 0), *np.argsort(-off)[: (off > 0).sum(), None]]
     for parts in every if len(every[0]) else ():
@@ -46,7 +46,7 @@ def find_plainest(
         with evaluator.count_as_choice():
             found = evaluator.compute_table(moved)[0]
         apart = np.abs(found - table) * evaluator.loss.weight
-        loss = _measure_loss(evaluator, found, evidence)
+        loss = float(evaluator.compute_table_losses(found, evidence).sum())
         if (apart <= DISTINGUISHABLE).all() and loss < most + TEMPERATURE:
             best, seen = moved, found
     return best, seen
@@ -65,16 +65,10 @@ def put_plainest_first(cycle: Cycle, evaluator: Evaluator, evidence: Evidence) -
     )
     if is_same(plain, cycle.genomes[:1])[0]:
         return cycle
-    loss = _measure_loss(evaluator, table, evidence)
+    loss = float(evaluator.compute_table_losses(table, evidence).sum())
     return replace(
         cycle,
         genomes=concatenate_genomes(plain, cycle.genomes),
         tables=np.concatenate([table[None], cycle.tables]),
         losses=np.append(loss, cycle.losses),
     )
-
-
-def _measure_loss(evaluator: Evaluator, table: Floats, evidence: Evidence) -> float:
-    """Loss of a table (A, C) over the evidence."""
-    each = evaluator.loss(table[list(evidence.tried)], evidence.measured)
-    return float(each.sum())

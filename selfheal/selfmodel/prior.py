@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats, list_depth_first
+from ..body.body import Anatomy, Floats, list_parents_first
 from ..body.genome import Genomes
 from .symmetry import classify_parts
 
@@ -35,7 +35,7 @@ def _count_limbs_of_body(kind, parent, side, hinge) -> int:  # type: ignore[no-u
     """Number of different limbs of one body, each named by what hangs on it."""
     hanging: list[list] = [[] for _ in range(len(parent) + 1)]
     found = set()
-    for part in reversed(list_depth_first(parent)):  # children before parents
+    for part in reversed(list_parents_first(parent)):  # children before parents
         i = part - 1
         limb = (kind[i], tuple(sorted(hanging[i + 1])))
         found.add(limb)

@@ -49,7 +49,7 @@ class Settings:
     known_lengths: bool = False
     random_actions: bool = False
     engine: str = "auto"
-    cycles: int = 16
+    cycles: int = 16  # papers.md 1.4
     budget: int = 262_000
     seed: int = 0
 

@@ -271,7 +271,7 @@ class RivalSearch:
         self, genome: Genomes, table: Floats, evidence: Evidence
     ) -> _Climber:
         """A climber that starts from a body whose table is known."""
-        each = self.evaluator.loss(table[list(evidence.tried)], evidence.measured)
+        each = self.evaluator.compute_table_losses(table, evidence)
         return _Climber(genome, float(each.sum()), each)
 
     def _find_best_twin(

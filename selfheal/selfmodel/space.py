@@ -6,7 +6,7 @@ from itertools import combinations
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats, Ints, is_tree
+from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import (
     HINGE_NAMES,
     LENGTH_RANGE,
@@ -14,8 +14,10 @@ from ..body.genome import (
     center_on_sides,
     concatenate_genomes,
     draw_genomes,
+    relabel_parts,
 )
 from ..errors import UnknownNameError
+from ..schema import is_tree
 
 _NUDGES = 6  # random shifts of each continuous gene in one neighborhood; chosen
 _NUDGE_DECADES = (-3.0, -0.7)  # their size: 10^uniform, in rounds or lengths; chosen
@@ -130,14 +132,8 @@ def _permute_attachments(genome: Genomes, orders: Ints) -> Genomes:
 
 def _relabel_parts(genome: Genomes, orders: Ints) -> Genomes:
     """Parts trade places, children and all: part i becomes part orders[., i]."""
-    out, row = _copy_genome(genome, len(orders)), np.arange(len(orders))[:, None]
-    label = np.hstack([np.zeros((len(orders), 1), np.int64), orders + 1])
-    out.parent[row, orders] = np.take_along_axis(
-        label, np.repeat(genome.parent, len(orders), axis=0), axis=1
-    )
-    out.placement[row, orders] = genome.placement
-    out.hinge[row, orders] = genome.hinge
-    return out
+    same = _copy_genome(genome, len(orders))
+    return replace(relabel_parts(same, orders), length=same.length)
 
 
 @lru_cache

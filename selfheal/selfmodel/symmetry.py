@@ -15,7 +15,7 @@ from math import factorial, prod
 import numpy as np
 
 from ..body.body import Anatomy, Floats, Ints
-from ..body.genome import Genomes
+from ..body.genome import Genomes, relabel_parts
 from ..engine.channels import SENSOR_KINDS, Channels, list_channels
 
 _MOST_TRADES = 1000  # chosen: beyond it only pairs trade labels
@@ -168,17 +168,7 @@ class SymmetryGroup:
             turn: (N) rows in `turns`.
             trade: (N) rows in `trade`.
         """
-        to = self.trade[trade]
-        turned = self.turn_genomes(genomes, turn)
-        label = np.hstack([np.zeros((len(to), 1), np.int64), to + 1])
-        parent = np.take_along_axis(label, genomes.parent, axis=1)
-        old = np.argsort(to, axis=1)  # part i of the twin was part old[i]
-        return Genomes(
-            np.take_along_axis(parent, old, axis=1),
-            np.take_along_axis(turned.placement, old, axis=1),
-            np.take_along_axis(turned.hinge, old, axis=1),
-            np.take_along_axis(genomes.length, old, axis=1),
-        )
+        return relabel_parts(self.turn_genomes(genomes, turn), self.trade[trade])
 
     def turn_genomes(self, genomes: Genomes, turn: Ints) -> Genomes:
         """The genomes of bodies (N) turned or mirrored, by rows (N) in `turns`."""

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording.data import Floats
-from .balance import TorqueBalance, make_terms, solve_bounded
+from .balance import TorqueBalance, solve_bounded
 from .disagreements import INDEPENDENT_KERNELS, Comparison
 from .fault import Fault, format_columns
 from .odd import MAX_FOLDS, name_dof
 from .pairs import FAR_BETTER
 from .ranges import TOLERANCE_SHARE
 from .series import Series
-from .states import Mend
 
 if TYPE_CHECKING:
     from .joints import JointColumns
@@ -184,12 +183,10 @@ def _balance_without(
         other episodes.
     """
     fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
-    parts = balance.compute_torques(Mend(), balance.rows)
     on = np.empty((len(fold), len(balance.dofs)))
     off, acts = np.empty_like(on), np.empty(on.shape, bool)
     for k, d in enumerate(balance.dofs):
-        own = {name: values[:, d] for name, values in parts.items()}
-        terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
+        own, terms = balance.make_terms(balance.torques, d)
         for number in np.unique(fold):
             here = fold == number
             x = solve_bounded(terms.x[~here], -terms.missing[~here], terms.bounds)

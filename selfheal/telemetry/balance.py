@@ -96,9 +96,10 @@ class TorqueBalance:
     Attributes:
         reason: why it cannot be computed; "" where it can.
         dofs: (D) degrees of freedom whose torques are all known.
-        stiffness: (nv) of gravity, by which springs are bounded, the same ones for all
-            mends: else a mend that makes motions small allows a stiffer one
-            [N m/rad or N/m].
+        torques: of the log as it is, see `compute_torques`.
+        stiffness: (nv) gravity's torque over how far a joint moves, of the log as it
+            is. By it springs are bounded, the same ones for all mends: else a mend
+            that makes motions small allows a stiffer one [N m/rad or N/m].
     """
 
     def __init__(
@@ -128,7 +129,11 @@ class TorqueBalance:
         for flag in (*off, flags.mjDSBL_EQUALITY):
             self.model.opt.disableflags |= int(flag)
         self.given = model
-        self.reason = self.states.reason or self._explain_unknown()
+        self.reason = self.states.reason
+        if not self.reason and model.neq and model.eq_active0.any():
+            self.reason = (
+                "the model has equality constraints, whose forces are not known"
+            )
         if self.reason:
             return
         self.rows = self._choose_rows()
@@ -141,13 +146,9 @@ class TorqueBalance:
             return
         self.block = np.searchsorted(blocks, series.block[self.rows])
         self.dofs = self._list_dofs()
-        self.stiffness = self._measure_stiffness()
-
-    def _explain_unknown(self) -> str:
-        m = self.given
-        if m.neq and m.eq_active0.any():
-            return "the model has equality constraints, whose forces are not known"
-        return ""
+        self.torques = self.compute_torques(Mend(), self.rows)
+        swing = np.sqrt(np.mean(self.torques["hold"] ** 2, axis=0))
+        self.stiffness = swing / np.maximum(np.std(self.torques["q"], axis=0), 1e-6)
 
     def _choose_rows(self) -> np.ndarray:
         """Rows in which all positions are known, away from contacts."""
@@ -198,12 +199,6 @@ class TorqueBalance:
                 lost |= (moment[outputs] != 0).any(axis=0)
         return np.flatnonzero(~lost)
 
-    def _measure_stiffness(self) -> Floats:
-        """Gravity's torque (nv) over how far a joint moves, of the log as it is."""
-        given = self.compute_torques(Mend(), self.rows)
-        swing = np.sqrt(np.mean(given["hold"] ** 2, axis=0))
-        return swing / np.maximum(np.std(given["q"], axis=0), 1e-6)
-
     def evaluate(self, mend: Mend, every: int = 1) -> Balance:
         """What a mend of the columns leaves unexplained, in each so many rows."""
         parts = self.compute_torques(mend, self.rows[::every])
@@ -213,8 +208,7 @@ class TorqueBalance:
         left, size = np.empty((2, len(self.dofs)))
         blocks = np.empty((count, len(self.dofs)))
         for k, d in enumerate(self.dofs):
-            own = {name: values[:, d] for name, values in parts.items()}
-            terms = make_terms(own, self.given.dof_damping[d], self.stiffness[d])
+            own, terms = self.make_terms(parts, d)
             rest, size[k] = _explain(terms, block)
             # an offset explains the mean of gravity's torque, whatever the columns say
             size[k] = max(size[k] - np.mean(own["hold"]) ** 2, 1e-18)
@@ -229,6 +223,13 @@ class TorqueBalance:
         share = np.maximum(left / size, 1e-12)
         unit = self._list_factors(mend) ** 2
         return Balance(share, share * size / unit, blocks / unit, size)
+
+    def make_terms(
+        self, parts: Mapping[str, Floats], dof: int
+    ) -> tuple[dict[str, Floats], "Terms"]:
+        """Torques (n) of one degree of freedom out of those of all, and their terms."""
+        own = {name: values[:, dof] for name, values in parts.items()}
+        return own, _make_terms(own, self.given.dof_damping[dof], self.stiffness[dof])
 
     def _list_factors(self, mend: Mend) -> Floats:
         """Factor (D) by which a mend multiplies the column of a degree of freedom.
@@ -330,7 +331,7 @@ class Terms:
     size: Floats
 
 
-def make_terms(parts: Mapping[str, Floats], damping: float, stiffness: float) -> Terms:
+def _make_terms(parts: Mapping[str, Floats], damping: float, stiffness: float) -> Terms:
     """The terms of one degree of freedom.
 
     Args:

@@ -13,7 +13,7 @@ import numpy as np
 from ..logs.model_facts import find_force_range
 from ..recording import find_joint
 from ..recording.data import Floats
-from .balance import TorqueBalance, make_terms, solve_bounded
+from .balance import TorqueBalance, solve_bounded
 from .disagreements import Comparison, Disagreement
 from .fault import Fault, format_columns
 from .pairs import UNIT_TOLERANCE
@@ -226,12 +226,10 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
     series, rows = balance.series, balance.rows
     names = np.array(series.ids)[series.episode[rows]]
     fold = np.unique(names, return_inverse=True)[1] % MAX_FOLDS
-    parts = balance.compute_torques(Mend(), rows)
     count = int(balance.block.max()) + 1
     blocks = np.empty((count, len(balance.dofs)))
     for k, d in enumerate(balance.dofs):
-        own = {name: values[:, d] for name, values in parts.items()}
-        terms = make_terms(own, balance.given.dof_damping[d], balance.stiffness[d])
+        own, terms = balance.make_terms(balance.torques, d)
         # what a servo at its limit gives, no gain tells
         free = np.abs(own["act"]) < (1 - UNIT_TOLERANCE) * _find_limit(balance, int(d))
         left = np.empty(len(rows))
@@ -303,8 +301,7 @@ def _name_cause(balance: TorqueBalance, episode: str, at: int) -> str:
     """What one number alone would explain the episode, as the end of a sentence."""
     series, rows, d = balance.series, balance.rows, int(balance.dofs[at])
     own = np.array(series.ids)[series.episode[rows]] == episode
-    parts = {k: v[:, d] for k, v in balance.compute_torques(Mend(), rows).items()}
-    terms = make_terms(parts, balance.given.dof_damping[d], balance.stiffness[d])
+    parts, terms = balance.make_terms(balance.torques, d)
     x = solve_bounded(terms.x[~own], -terms.missing[~own], terms.bounds)
     left = (terms.missing + terms.x @ x)[own]
     causes = {

@@ -7,10 +7,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.body.body import Anatomy, Bodies, is_tree
+from selfheal.body.body import Anatomy, Bodies
 from selfheal.body.genome import build_bodies, draw_genomes, encode_tree
 from selfheal.body.mjcf import Physics, format_mjcf, load
 from selfheal.errors import ModelError
+from selfheal.schema import is_tree
 from tests.support.stick_robot import anatomy
 
 PRINTED = 1e-6  # an MJCF has six digits

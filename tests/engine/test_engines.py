@@ -12,7 +12,7 @@ from selfheal.engine import ENGINES, make_engine
 from selfheal.engine.channels import MAX_CLEARANCE
 from selfheal.engine.mjx import Mjx
 from selfheal.engine.mujoco import MuJoCo
-from selfheal.engine.readings import Readings, compute_readings
+from selfheal.engine.readings import Readings, compute_readings, pack_inputs
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
 from selfheal.robot.actions import list_actions_2006, load_published_body
@@ -212,7 +212,8 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
 def test_readings_far_beyond_the_sensors_are_within_their_range():
     up = np.array([[0, 0, 1.0], [0, 0, -1], [0, 1, 0], [np.nan, 0, 1]])
     bodies = load_published_body()[np.zeros(4, int)]
-    seen = compute_readings(bodies, up, np.ones(4), np.zeros((4, 1)), np.zeros((4, 8)))
+    height, tips, angles = np.ones(4), np.zeros((4, 1)), np.zeros((4, 8))
+    seen = compute_readings(bodies, pack_inputs(bodies), up, height, tips, angles)
     assert seen.failed.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(seen.clearance[:3], MAX_CLEARANCE)
     np.testing.assert_allclose(seen.tilt[:3], [[0, 0], [0, 0], [-np.pi / 2, 0]])
