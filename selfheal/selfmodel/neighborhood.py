@@ -14,7 +14,7 @@ import numpy as np
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, concatenate_genomes
 from .evaluate import Evaluator, Evidence
-from .prior import compute_prior_cost
+from .prior import compute_prior_cost, draw_alike_genomes
 from .search import RivalSet
 from .space import BodySpace, list_neighbors
 from .symmetry import SymmetryGroup
@@ -191,7 +191,13 @@ class Neighborhood:
 
     def _compute_prior_costs(self) -> Floats:
         """(K) what the prior adds to the loss of every body and of its twins."""
-        return compute_prior_cost(self.evaluator.anatomy, self.bodies.genomes)
+        return self._compute_prior(self.bodies.genomes)
+
+    def _compute_prior(self, genomes: Genomes) -> Floats:
+        """(N) what the prior adds to the losses of bodies."""
+        return compute_prior_cost(
+            self.evaluator.anatomy, genomes, hinges=self.space.hinges
+        )
 
     def _prune_bodies(self, losses: list[Floats]) -> list[Floats]:
         """Keep the best, and none that is hopelessly behind; the losses of those."""
@@ -209,20 +215,24 @@ class Neighborhood:
         self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
     ) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
-        best, around = self.bodies.losses.min(), []
+        best = (self.bodies.losses + self._compute_prior_costs()).min()
+        around = [
+            draw_alike_genomes(self.evaluator.anatomy, self.space, _MOST_NEW, rng)
+        ]
         for row in range(min(_CENTERS, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
             twin = self.twins.map_genome(self.bodies.genomes, row, turn, trade)
             around.append(list_neighbors(self.space, twin))
         genomes = concatenate_genomes(*around)
+        prior = self._compute_prior(genomes)
         total, _ = self.evaluator.compute_losses(
             genomes,
             evidence,
-            bound=np.full(len(genomes), best + _LOSS_MARGIN),
+            bound=best + _LOSS_MARGIN - prior,
             order=self.evaluator.order_by_hardness(evidence),
         )
-        order = np.argsort(np.round(total), kind="stable")
+        order = np.argsort(np.round(total + prior), kind="stable")
         return genomes[order[np.isfinite(total[order])]]
 
     def _find_unknown_rows(self, genomes: Genomes) -> Ints:

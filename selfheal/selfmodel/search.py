@@ -17,6 +17,7 @@ from ..body.genome import Genomes, center_on_sides, concatenate_genomes
 from ..engine.channels import list_channels
 from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
+from .prior import compute_prior_cost, draw_alike_genomes
 from .space import (
     BodySpace,
     cross_genomes,
@@ -98,9 +99,9 @@ class RivalSet:
         self.tables = np.concatenate([self.tables, table[None]])
         self.losses = np.append(self.losses, loss)
 
-    def keep_best(self, size: int) -> None:
-        """Sort, and keep the best `size`."""
-        self.keep_rows(np.argsort(self.losses, kind="stable")[:size])
+    def keep_best(self, size: int, prior: Floats) -> None:
+        """Sort by loss and prior (K), and keep the best `size`."""
+        self.keep_rows(np.argsort(self.losses + prior, kind="stable")[:size])
 
 
 def _has_same_structure(genomes: Genomes, one: Genomes) -> np.ndarray:
@@ -232,6 +233,16 @@ class RivalSearch:
             if np.isfinite(climber.loss):
                 self._add_peak(climber, evidence)
 
+    def compute_prior(self, genomes: Genomes) -> Floats:
+        """(N) what the prior adds to the losses of bodies."""
+        return compute_prior_cost(
+            self.evaluator.anatomy, genomes, hinges=self.space.hinges
+        )
+
+    def keep_best(self, size: int) -> None:
+        """Keep the best rivals, `size` of them."""
+        self.rivals.keep_best(size, self.compute_prior(self.rivals.genomes))
+
     def _has_rivals(self, active: list[_Climber]) -> bool:
         """Whether there is any body to go on with."""
         return len(self.rivals) > 0 or any(np.isfinite(c.loss) for c in active)
@@ -258,7 +269,7 @@ class RivalSearch:
             self.rivals.add_rival(
                 *self._find_best_twin(old.genomes[[row]], old.tables[row], evidence)
             )
-        self.rivals.keep_best(self.size)
+        self.keep_best(self.size)
         finite = np.flatnonzero(np.isfinite(self.rivals.losses))
         return [
             self._make_climber(
@@ -297,7 +308,8 @@ class RivalSearch:
         dice = rng.random()
         if np.isfinite(self.rivals.losses).sum() < 4 or dice < 0.3:
             return self._start_from_random(evidence, rng)
-        gap = self.rivals.losses - self.rivals.losses.min()
+        gap = self.rivals.losses + self.compute_prior(self.rivals.genomes)
+        gap -= gap.min()
         weight = np.exp(-gap / (_FAVOR_SCALE * len(evidence)))
         pick = rng.choice(len(weight), 2, replace=False, p=weight / weight.sum())
         first, second = self.rivals.genomes[pick[:1]], self.rivals.genomes[pick[1:]]
@@ -311,14 +323,17 @@ class RivalSearch:
     def _start_from_random(
         self, evidence: Evidence, rng: np.random.Generator
     ) -> _Climber:
-        """The best of some random bodies with parts at the middle of sides."""
-        genomes = center_on_sides(
-            draw_space_genomes(self.evaluator.anatomy, self.space, _RANDOM_STARTS, rng)
+        """The best of some random bodies; half of them have like parts alike."""
+        anatomy, half = self.evaluator.anatomy, _RANDOM_STARTS // 2
+        genomes = concatenate_genomes(
+            draw_alike_genomes(anatomy, self.space, half, rng),
+            center_on_sides(draw_space_genomes(anatomy, self.space, half, rng)),
         )
+        genomes = genomes[rng.permutation(len(genomes))]
         best, loss, parts = 0, np.inf, None
         for rows in (
             slice(0, _RANDOM_STARTS // 8),
-            slice(_RANDOM_STARTS // 8, _RANDOM_STARTS),
+            slice(_RANDOM_STARTS // 8, len(genomes)),
         ):
             total, each = self.evaluator.compute_losses(
                 genomes[rows],
@@ -361,5 +376,5 @@ class RivalSearch:
         genome, table, loss = self._find_best_twin(climber.genome, table, evidence)
         better = loss < climber.loss - 1e-6
         self.rivals.add_rival(genome, table, loss)
-        self.rivals.keep_best(self.size)
+        self.keep_best(self.size)
         return self._make_climber(genome, table, evidence) if better else None

@@ -23,7 +23,6 @@ from .explore import (
 )
 from .neighborhood import Hypotheses, Neighborhood
 from .paper import CEILING, GENERATIONS, VOTING_CLIMBERS, Climbers, PaperSearch
-from .prior import compute_prior_cost
 from .search import RivalSearch, RivalSet
 from .space import find_space
 from .symmetry import SymmetryGroup
@@ -154,7 +153,7 @@ class RivalStrategy:
         genomes, tables, crowd = best.genomes, best.tables, self.finder.rivals
         for k, loss in enumerate(best.losses):
             crowd.add_rival(genomes[[k]], tables[k], float(loss))
-        crowd.keep_best(self.finder.size + _SEEDED)
+        self.finder.keep_best(self.finder.size + _SEEDED)
 
     def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
         """The rivals by loss and prior: genomes, tables (K, A, C) and losses (K)."""
@@ -186,8 +185,8 @@ class RivalStrategy:
         return find_indistinguishable(self.found, table, self.loss.weight).genomes
 
     def compute_prior(self, genomes: Genomes) -> Floats:
-        """Cost (N) of each body by its kinds of limbs: few kinds are likelier."""
-        return compute_prior_cost(self.evaluator.anatomy, genomes)
+        """Cost (N) of each body by its kinds of parts: few kinds are likelier."""
+        return self.finder.compute_prior(genomes)
 
     def capture_state(self) -> dict[str, Any]:
         """The arrays of the crowd and of its kin."""
