@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 _RUN, _MODEL = "run.h5", "best.xml"
 
+# [s] between two saves, which take a tenth of it: a killed run loses as much
+_SAVE_EVERY = 1.0
+
 
 class IdentifyOptions(TypedDict, total=False):
     """What `identify` can be told besides the robot; all of it may be left out.
@@ -142,7 +145,7 @@ def _finish_run(
     progress: Callable[[int], None],
     on_step: "Callable[[Run], None]",
 ) -> "Run":
-    """Cycle by cycle to the end, saved after each; then the body and the page."""
+    """Cycle by cycle to the end, saved now and then; then the body and the page."""
     from ..report.picture import load_matplotlib
     from ..selfmodel.loop import check_same_robot, identify_body
     from ..selfmodel.run import save_run
@@ -151,20 +154,27 @@ def _finish_run(
     robot = _open_robot(robot, run.settings)
     check_same_robot(run, robot)
     on_step(run)
+    saved, last = run, start
     with ThreadPoolExecutor(1) as beside:
         if path:  # the page need not wait for it then
             beside.submit(load_matplotlib)
-        for step in identify_body(robot, run.settings, run=run, progress=progress):
-            run = step
-            if "seconds" in run.result:  # it was finished before
-                break
-            if run.result:
-                seconds = round(before + time.perf_counter() - start, 1)
-                files = _write_model(run, path) if path else {}
-                run = replace(run, result={**run.result, "seconds": seconds, **files})
-            if path:
+        try:
+            for step in identify_body(robot, run.settings, run=run, progress=progress):
+                run = step
+                if "seconds" in run.result:  # it was finished before
+                    saved = run
+                    break
+                if run.result:
+                    took = round(before + time.perf_counter() - start, 1)
+                    files = _write_model(run, path) if path else {}
+                    run = replace(run, result={**run.result, "seconds": took, **files})
+                if path and time.perf_counter() - last >= _SAVE_EVERY:
+                    save_run(run, path)
+                    saved, last = run, time.perf_counter()
+                on_step(run)
+        finally:
+            if path and saved is not run:
                 save_run(run, path)
-            on_step(run)
     if path:
         write_identify_report(run, path)
     return run

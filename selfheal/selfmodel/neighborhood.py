@@ -14,7 +14,7 @@ import numpy as np
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, concatenate_genomes
 from .evaluate import Evaluator, Evidence
-from .prior import compute_prior_cost, draw_alike_genomes
+from .prior import compute_prior_cost
 from .search import RivalSet
 from .space import BodySpace, list_neighbors
 from .symmetry import SymmetryGroup
@@ -81,10 +81,15 @@ class Neighborhood:
     """The bodies simulated; see the module."""
 
     def __init__(
-        self, space: BodySpace, evaluator: Evaluator, twins: SymmetryGroup
+        self,
+        space: BodySpace,
+        evaluator: Evaluator,
+        twins: SymmetryGroup,
+        alike: Genomes,
     ) -> None:
-        """Nobody yet."""
+        """Nobody yet; `alike` were drawn from the prior."""
         self.space, self.evaluator, self.twins = space, evaluator, twins
+        self.alike = alike
         self.bodies = RivalSet.empty(evaluator)
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
@@ -216,9 +221,7 @@ class Neighborhood:
     ) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
         best = (self.bodies.losses + self._compute_prior_costs()).min()
-        around = [
-            draw_alike_genomes(self.evaluator.anatomy, self.space, _MOST_NEW, rng)
-        ]
+        around = [self.alike[rng.integers(len(self.alike), size=_MOST_NEW)]]
         for row in range(min(_CENTERS, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))

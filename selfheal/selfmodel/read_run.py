@@ -242,6 +242,7 @@ def _read_state(file: Members, run: Run) -> dict[str, Any]:
         for start in ("strategy_", "strategy_kin_"):
             table = {f"{start}{name}": kind for name, kind in _CROWD.items()}
             state |= replace(group, sizes=dict(group.sizes)).read_table(table)
+        state |= group.read_table({"strategy_vain": ArraySchema((), "int", 0)})
     else:
         state |= group.read_table(_CLIMBERS)
     if settings.engine == "auto":

@@ -105,7 +105,7 @@ class RivalStrategy:
             anatomy, evaluator.actions, hinges_known=not where.hinges
         )
         self.finder = RivalSearch(where, evaluator, twins)
-        self.neighborhood = Neighborhood(where, evaluator, twins)
+        self.neighborhood = Neighborhood(where, evaluator, twins, self.finder.alike)
         self.found: Hypotheses | None = None  # on the evidence so far
         self.random_actions = random_actions
 
@@ -189,8 +189,8 @@ class RivalStrategy:
         return self.finder.compute_prior(genomes)
 
     def capture_state(self) -> dict[str, Any]:
-        """The arrays of the crowd and of its kin."""
-        return _to_arrays(self.finder.rivals) | {
+        """The arrays of the crowd and of its kin, and the climbs in vain."""
+        return {"vain": self.finder.vain} | _to_arrays(self.finder.rivals) | {
             f"kin_{name}": value
             for name, value in _to_arrays(self.neighborhood.bodies).items()
         }
@@ -198,6 +198,7 @@ class RivalStrategy:
     def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.rivals = _from_arrays(state, "")
+        self.finder.vain = int(state["vain"])
         kin = _from_arrays(state, "kin_")
         self.neighborhood.add_bodies(kin.genomes, kin.tables)
         self.found = self.neighborhood.list_hypotheses(evidence)
