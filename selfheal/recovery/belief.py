@@ -15,7 +15,7 @@ from ..body.body import Floats, Ints
 
 DEGREES_OF_FREEDOM = 4.0  # heavier tails than any sensor's; chosen
 _ROUNDS = 6  # of the drift's fit
-_DRAWS = 96  # outcomes imagined of each candidate action; chosen
+_DRAWS = 384  # outcomes imagined of each candidate action; chosen
 
 
 def compute_log_t(z: Floats) -> Floats:
@@ -158,7 +158,10 @@ def choose_action(
     Returns:
         Its index, and the entropy over groups that is expected after it [nats].
     """
-    truth = rng.choice(len(group), size=_DRAWS, p=compute_posterior(log_weight))
+    # at even distances: hypotheses are drawn as often as they are believed
+    sums = np.cumsum(compute_posterior(log_weight))
+    marks = (rng.random() + np.arange(_DRAWS)) / _DRAWS
+    truth = np.minimum(np.searchsorted(sums, marks * sums[-1]), len(group) - 1)
     members = np.eye(group.max() + 1)[group]
     expected = np.empty(len(candidates))
     for k, c in enumerate(candidates):

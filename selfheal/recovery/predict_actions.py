@@ -102,7 +102,7 @@ def infer_damage(
     scale = np.full(2, TILT_SCALE)
     while len(tried) < len(known.measured):
         left = np.setdiff1d(np.arange(len(known.measured)), tried)
-        if chosen and tried:
+        if chosen:
             blur = [widen_scale(scale, known.slope[0, a], DRIFT) for a in left]
             candidates = [CandidateAction(known.predicted[:, None, a], b)
                           for a, b in zip(left, blur, strict=True)]  # fmt: skip

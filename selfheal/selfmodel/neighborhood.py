@@ -87,7 +87,7 @@ class Neighborhood:
         twins: SymmetryGroup,
         alike: Genomes,
     ) -> None:
-        """Nobody yet; `alike` were drawn from the prior."""
+        """Nobody yet; `alike` are the likeliest before any reading."""
         self.space, self.evaluator, self.twins = space, evaluator, twins
         self.alike = alike
         self.bodies = RivalSet.empty(evaluator)
@@ -96,20 +96,20 @@ class Neighborhood:
         self._scored: Evidence | None = None  # on which the losses below are
         self._losses: dict[int, Floats] = {}  # of the distinct twins of each family
 
-    def update(
-        self, rivals: RivalSet, evidence: Evidence, rng: np.random.Generator
-    ) -> None:
+    def update(self, rivals: RivalSet, evidence: Evidence) -> None:
         """Take in the rivals, and what is around the best, given new evidence.
 
         Args:
             rivals: of the search.
             evidence: so far.
-            rng: draws which changes are looked at.
         """
         with self.evaluator.count_as_choice():
+            if not len(self.bodies):
+                likely = self.alike[:_MOST_KEPT]
+                self.add_bodies(likely, self.evaluator.compute_table(likely))
             self.add_bodies(rivals.genomes, rivals.tables)
             losses = self._prune_bodies(self._compute_losses(evidence))
-            near = self._find_neighbors(losses, evidence, rng)
+            near = self._find_neighbors(losses, evidence)
             new = self._find_unknown_rows(near)[:_MOST_NEW]
             if len(new):
                 self.add_bodies(near[new], self.evaluator.compute_table(near[new]))
@@ -216,12 +216,10 @@ class Neighborhood:
         self._distinct = [self._distinct[k] for k in order]
         return [losses[k] for k in order]
 
-    def _find_neighbors(
-        self, losses: list[Floats], evidence: Evidence, rng: np.random.Generator
-    ) -> Genomes:
+    def _find_neighbors(self, losses: list[Floats], evidence: Evidence) -> Genomes:
         """Changes of the best bodies that lose next to nothing, best first."""
         best = (self.bodies.losses + self._compute_prior_costs()).min()
-        around = [self.alike[rng.integers(len(self.alike), size=_MOST_NEW)]]
+        around = []
         for row in range(min(_CENTERS, len(losses))):
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))

@@ -1,7 +1,7 @@
 """Prior: before anything is felt, a body whose like parts are built alike is likelier.
 
-The code length of a body (Rissanen 1978): each kind of part, by what hangs on it and
-where, is stated once, however many parts are of it.
+The code length of a body (Rissanen 1978): what hangs on the parts of a kind, and where,
+is stated once, however many parts are of it.
 """
 
 from dataclasses import replace
@@ -21,23 +21,47 @@ from ..body.genome import (
 from .space import BodySpace, is_valid
 from .symmetry import classify_parts
 
-_SIDES = 4
+_SIDES, _FRONT = 4, 1
+_ONE_ROW = 0.25  # of the bodies drawn end in a row of several kinds; chosen
 
 
-def count_kinds(anatomy: Anatomy, genomes: Genomes) -> Floats:
-    """Number of different kinds of parts of each body, by what hangs on them.
+def count_rules(anatomy: Anatomy, genomes: Genomes) -> tuple[Ints, Ints]:
+    """Number of rules that state how each body is built, and of those not straight.
 
-    Two parts are of one kind if they are alike and parts that are alike hang on them at
-    the same sides by the same hinges. The starfish has two: a lower leg, and an upper
-    leg with a lower one at its front. So has a chain of equal links, however long.
+    One rule a kind of part says what hangs on it: two parts are of one kind if they are
+    alike and parts that are alike hang on them at the same sides by the same hinges.
+    One rule says where on the torso the parts of a kind are, if they are as many on all
+    sides, on two opposite ones, or on one; else there is a rule for each part. The
+    starfish has three: a lower leg bears nothing, an upper leg a lower one at its
+    front, the torso an upper one at each side. So has a chain of equal links.
 
     Args:
         anatomy: the robot's parts.
         genomes: N bodies.
 
     Returns:
-        (N) numbers.
+        (N) numbers, and (N) of the kinds that bear a part elsewhere than at their front.
     """
+    names = _name_parts(anatomy, genomes)
+    rows = np.arange(len(genomes))[:, None]
+    bent = np.zeros((len(genomes), anatomy.size + 1), bool)
+    np.logical_or.at(bent, (rows, genomes.parent), genomes.side != _FRONT)
+    kinds = _count_distinct(names, np.ones_like(names, bool))
+    rules = kinds + _count_torso_rules(names, genomes)
+    return rules, _count_distinct(names, bent[:, 1:])
+
+
+def _count_distinct(names: Ints, counted: np.ndarray) -> Ints:
+    """(N) different ones of names (N, P) that are counted (N, P)."""
+    none = np.iinfo(np.int64).min
+    every = np.pad(
+        np.where(counted, names, none), ((0, 0), (1, 0)), constant_values=none
+    )
+    return (np.diff(np.sort(every, axis=1), axis=1) != 0).sum(axis=1)
+
+
+def _name_parts(anatomy: Anatomy, genomes: Genomes) -> Ints:
+    """(N, P) a number for each part, the same for parts of one kind; see above."""
     kind = classify_parts(anatomy)
     shape = kind.max() + 1, _SIDES, len(HINGE_NAMES)
     own, salts = _draw_salts(shape[0]), _draw_salts(prod(shape)).reshape(shape)
@@ -47,8 +71,20 @@ def count_kinds(anatomy: Anatomy, genomes: Genomes) -> Floats:
         np.add.at(
             hanging, (rows, genomes.parent), salts[kind, genomes.side, genomes.hinge]
         )
-        names = np.sort(hanging[:, 1:] + own[kind], axis=1)
-    return 1.0 + (np.diff(names, axis=1) != 0).sum(axis=1)
+        return hanging[:, 1:] + own[kind]
+
+
+def _count_torso_rules(names: Ints, genomes: Genomes) -> Ints:
+    """(N) rules that say where the parts of each kind, by name (N, P), are on torsos."""
+    on_torso = genomes.parent == 0
+    alike = (names[:, :, None] == names[:, None]) & on_torso[:, None]
+    side = (genomes.side[:, :, None] == np.arange(_SIDES)).astype(float)
+    count = alike @ side  # (N, P, 4) of each part's kind
+    used = count > 0
+    opposite = (used[..., :2] == used[..., 2:]).all(axis=-1) | (used.sum(axis=-1) == 1)
+    even = opposite & (count.max(axis=-1) == np.where(used, count, np.inf).min(axis=-1))
+    rules = np.where(even, 1 / np.maximum(count.sum(axis=-1), 1), 1.0) * on_torso
+    return np.round(rules.sum(axis=1)).astype(int)
 
 
 @cache
@@ -62,38 +98,47 @@ def compute_prior_cost(
 ) -> Floats:
     """(N) what the prior adds to each body's loss: its code length [nats].
 
-    Each kind of part costs the logarithm of the number of places that a part may have:
-    any side of any part or the torso.
+    Each rule costs the logarithm of the number of places that a part may have: on any
+    part, straight on as often as at its other three sides.
 
     Args:
         anatomy: the robot's parts.
         genomes: N bodies.
         hinges: whether a part may have any hinge there, too.
     """
-    places = anatomy.size * _SIDES * (len(HINGE_NAMES) if hinges else 1)
-    return np.log(places) * count_kinds(anatomy, genomes)
+    places = 2 * anatomy.size * (len(HINGE_NAMES) if hinges else 1)
+    rules, bent = count_rules(anatomy, genomes)
+    return np.log(places) * rules + np.log(_SIDES - 1) * bent
 
 
 def draw_alike_genomes(
     anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
 ) -> Genomes:
-    """Draw bodies whose like parts hang alike, at most `count` of them.
+    """Draw bodies whose like parts hang alike, each once but for its labels.
 
     The parts of a kind hang on the torso, at even distances round it, or in a row on
-    each other, or evenly on the parts of another kind.
+    each other, or evenly on the parts of another kind; or all parts that are left hang
+    in one row, whatever their kind.
 
     Args:
         anatomy: the robot's parts.
         space: that the bodies lie in.
-        count: number of draws; those that make no valid body are left out.
+        count: number of draws.
         rng: draws them.
+
+    Returns:
+        The valid ones, the likeliest first.
     """
     kind = classify_parts(anatomy)
     groups = [np.flatnonzero(kind == k) for k in range(kind.max() + 1)]
     groups.sort(key=lambda group: int(group[0]))
     drawn = [_draw_alike(anatomy, space, groups, rng) for _ in range(count)]
     genomes = concatenate_genomes(*drawn)
-    return genomes[is_valid(space, genomes)]
+    genomes = genomes[is_valid(space, genomes)]
+    names = np.sort(np.where(genomes.parent == 0, 1 + genomes.side, 0), axis=1)
+    names = np.hstack([np.sort(_name_parts(anatomy, genomes), axis=1), names])
+    genomes = genomes[np.sort(np.unique(names, axis=0, return_index=True)[1])]
+    return genomes[np.argsort(compute_prior_cost(anatomy, genomes), kind="stable")]
 
 
 def _draw_alike(
@@ -103,11 +148,17 @@ def _draw_alike(
     parent, place = np.zeros((2, anatomy.size))
     hinge, length = np.zeros(anatomy.size, int), np.zeros(anatomy.size)
     order = range(len(groups)) if anatomy.ordered else rng.permutation(len(groups))
-    hosts: list[Ints] = []
-    for group in (groups[k] for k in order):
+    left, hosts = [groups[k] for k in order], list[Ints]()
+    while left:
+        group = left.pop(0)
+        if left and rng.random() < _ONE_ROW:
+            group, left = np.sort(np.concatenate([group, *left])), []
+            spots = _place_row
+        else:
+            spots = _place_group
         if not anatomy.ordered:
             group = rng.permutation(group)
-        parent[group], place[group] = _place_group(group, hosts, rng)
+        parent[group], place[group] = spots(group, hosts, rng)
         hinge[group] = rng.integers(len(HINGE_NAMES))
         length[group] = rng.uniform(*LENGTH_RANGE)
         hosts.append(group)
@@ -137,10 +188,18 @@ def _place_group(
         host = fits[choice]
         turn = np.repeat(np.arange(count // len(host)), len(host))
         return np.resize(host, count) + 1, middle + turn / _SIDES
-    if choice > len(fits):  # a row
-        first = rng.choice(np.concatenate([[0], *(h + 1 for h in hosts)]))
-        return np.append(first, group[:-1] + 1), np.full(count, middle)
+    if choice > len(fits):
+        return _place_row(group, hosts, rng)
     used = int(rng.choice([n for n in (1, 2, _SIDES) if count % n == 0]))
     row, each = np.divmod(np.arange(count), count // used)
     at = (each + 0.5) / (count // used)
     return np.zeros(count, int), (side + row * (_SIDES // used) + at) / _SIDES
+
+
+def _place_row(
+    group: Ints, hosts: list[Ints], rng: np.random.Generator
+) -> tuple[Ints, Floats]:
+    """The same of a row of parts, each at the same side of the one before."""
+    first = rng.choice(np.concatenate([[0], *(host + 1 for host in hosts)]))
+    middle = (rng.integers(_SIDES) + 0.5) / _SIDES
+    return np.append(first, group[:-1] + 1), np.full(len(group), middle)

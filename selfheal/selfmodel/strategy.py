@@ -142,7 +142,7 @@ class RivalStrategy:
             rng: draws starts and changes.
         """
         self.finder.search(evidence, limit, rng)
-        self.neighborhood.update(self.finder.rivals, evidence, rng)
+        self.neighborhood.update(self.finder.rivals, evidence)
         self.found = self.neighborhood.list_hypotheses(evidence)
         self._seed_search()
 
@@ -190,10 +190,14 @@ class RivalStrategy:
 
     def capture_state(self) -> dict[str, Any]:
         """The arrays of the crowd and of its kin, and the climbs in vain."""
-        return {"vain": self.finder.vain} | _to_arrays(self.finder.rivals) | {
-            f"kin_{name}": value
-            for name, value in _to_arrays(self.neighborhood.bodies).items()
-        }
+        return (
+            {"vain": self.finder.vain}
+            | _to_arrays(self.finder.rivals)
+            | {
+                f"kin_{name}": value
+                for name, value in _to_arrays(self.neighborhood.bodies).items()
+            }
+        )
 
     def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
         """Go on from a state."""
