@@ -15,7 +15,7 @@ from ..body.body import Floats, Ints
 from ..body.genome import Genomes, concatenate_genomes
 from .evaluate import Evaluator, Evidence
 from .prior import compute_prior_cost
-from .search import RivalSet
+from .rivals import RivalSet
 from .space import BodySpace, list_neighbors
 from .symmetry import SymmetryGroup
 

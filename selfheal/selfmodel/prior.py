@@ -28,10 +28,10 @@ _ONE_ROW = 0.25  # of the bodies drawn end in a row of several kinds; chosen
 def count_rules(anatomy: Anatomy, genomes: Genomes) -> tuple[Ints, Ints]:
     """Number of rules that state how each body is built, and of those not straight.
 
-    One rule a kind of part says what hangs on it: two parts are of one kind if they are
-    alike and parts that are alike hang on them at the same sides by the same hinges.
-    One rule says where on the torso the parts of a kind are, if they are as many on all
-    sides, on two opposite ones, or on one; else there is a rule for each part. The
+    One rule a kind of part says what hangs on it. Two parts are of one kind if they are
+    alike, and parts that are alike hang on them at the same sides by the same hinges.
+    One rule says where on the torso the parts of a kind are. It does where they are as
+    many on all sides, on two opposite ones, or on one; else each part has its own. The
     starfish has three: a lower leg bears nothing, an upper leg a lower one at its
     front, the torso an upper one at each side. So has a chain of equal links.
 
@@ -40,7 +40,7 @@ def count_rules(anatomy: Anatomy, genomes: Genomes) -> tuple[Ints, Ints]:
         genomes: N bodies.
 
     Returns:
-        (N) numbers, and (N) of the kinds that bear a part elsewhere than at their front.
+        (N) numbers, and (N) of the kinds that bear a part not at their front.
     """
     names = _name_parts(anatomy, genomes)
     rows = np.arange(len(genomes))[:, None]
@@ -75,7 +75,7 @@ def _name_parts(anatomy: Anatomy, genomes: Genomes) -> Ints:
 
 
 def _count_torso_rules(names: Ints, genomes: Genomes) -> Ints:
-    """(N) rules that say where the parts of each kind, by name (N, P), are on torsos."""
+    """(N) rules that say where on torsos the parts of a kind, by name (N, P), are."""
     on_torso = genomes.parent == 0
     alike = (names[:, :, None] == names[:, None]) & on_torso[:, None]
     side = (genomes.side[:, :, None] == np.arange(_SIDES)).astype(float)
@@ -117,7 +117,7 @@ def draw_alike_genomes(
     """Draw bodies whose like parts hang alike, each once but for its labels.
 
     The parts of a kind hang on the torso, at even distances round it, or in a row on
-    each other, or evenly on the parts of another kind; or all parts that are left hang
+    each other, or evenly on the parts of another kind. Or all parts that are left hang
     in one row, whatever their kind.
 
     Args:

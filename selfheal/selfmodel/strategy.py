@@ -23,7 +23,8 @@ from .explore import (
 )
 from .neighborhood import Hypotheses, Neighborhood
 from .paper import CEILING, GENERATIONS, VOTING_CLIMBERS, Climbers, PaperSearch
-from .search import RivalSearch, RivalSet
+from .rivals import RivalSet
+from .search import RivalSearch
 from .space import find_space
 from .symmetry import SymmetryGroup
 

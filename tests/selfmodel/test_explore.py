@@ -1,9 +1,16 @@
 """Choosing actions and stating sureness: laws of probabilities."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from selfheal.body.genome import Genomes, draw_genomes, encode_tree
+from selfheal.body.genome import (
+    Genomes,
+    concatenate_genomes,
+    draw_genomes,
+    encode_tree,
+)
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.attachment_probability import compute_attachment_probability
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
@@ -20,9 +27,18 @@ from selfheal.selfmodel.explore import (
     score_actions,
 )
 from selfheal.selfmodel.neighborhood import Neighborhood
-from selfheal.selfmodel.prior import compute_prior_cost, count_limbs
+from selfheal.selfmodel.prior import (
+    compute_prior_cost,
+    count_rules,
+    draw_alike_genomes,
+)
 from selfheal.selfmodel.search import RivalSearch
-from selfheal.selfmodel.space import find_space, make_genome_key
+from selfheal.selfmodel.space import (
+    draw_space_genomes,
+    find_space,
+    is_valid,
+    make_genome_key,
+)
 from selfheal.selfmodel.strategy import RivalStrategy
 from selfheal.selfmodel.symmetry import SymmetryGroup
 from tests.support.stick_robot import PARTS, Toy, anatomy
@@ -152,12 +168,18 @@ def _random(count: int) -> Genomes:
     return draw_genomes(anatomy(), count, np.random.default_rng(0), False)
 
 
-def test_the_prior_counts_limbs_and_not_labels():
-    like = anatomy()
-    star = encode_tree(like, np.array([[0, 0, 1, 2]]), np.full((1, PARTS), 0.125))
-    crossed = encode_tree(like, np.array([[0, 0, 2, 1]]), np.full((1, PARTS), 0.125))
-    chain = encode_tree(like, np.array([[0, 1, 2, 3]]), np.full((1, PARTS), 0.125))
-    assert [count_limbs(like, g)[0] for g in (star, crossed, chain)] == [2, 2, 4]
+def test_the_prior_counts_rules_and_not_labels():
+    like, sides = anatomy(), np.array([[0.125, 0.625, 0.375, 0.375]])
+    star = encode_tree(like, np.array([[0, 0, 1, 2]]), sides)
+    crossed = encode_tree(like, np.array([[0, 0, 2, 1]]), sides)
+    chain = encode_tree(like, np.array([[0, 1, 2, 3]]), np.full((1, PARTS), 0.375))
+    # 1 and 2 are alike, and 3 and 4; left and front are not opposite
+    uneven = encode_tree(like, star.parent, np.array([[0.125, 0.375, 0.375, 0.375]]))
+    bent = encode_tree(like, star.parent, np.array([[0.125, 0.625, 0.125, 0.125]]))
+    every = concatenate_genomes(star, crossed, chain, uneven, bent)
+    rules, sideways = count_rules(like, every)
+    np.testing.assert_array_equal(rules, [3, 3, 5, 4, 3])
+    np.testing.assert_array_equal(sideways, [0, 0, 0, 0, 1])
     assert (compute_prior_cost(like, chain) > compute_prior_cost(like, star)).all()
     twins = SymmetryGroup.from_actions(like, Toy().actions)
     genomes = _random(20)
@@ -166,10 +188,29 @@ def test_the_prior_counts_limbs_and_not_labels():
             rows = np.array([twins.find_valid_trades(p)[trade] for p in genomes.parent])
             some = genomes[np.flatnonzero(rows)]
             same = np.full(len(some.parent), turn), np.full(len(some.parent), trade)
-            np.testing.assert_array_equal(
+            np.testing.assert_allclose(
                 compute_prior_cost(like, twins.map_genomes(some, *same)),
                 compute_prior_cost(like, some),
             )
+
+
+@pytest.mark.parametrize("name", ["free", "sides", "full"])
+@pytest.mark.parametrize("ordered", [True, False])
+def test_bodies_drawn_from_the_prior_are_valid_alike_and_the_likeliest_first(
+    name, ordered
+):
+    like = replace(anatomy(), ordered=ordered)
+    space = find_space(name, ordered=ordered)
+    drawn = draw_alike_genomes(like, space, 300, np.random.default_rng(0))
+    assert is_valid(space, drawn).all()
+    costs = compute_prior_cost(like, drawn)
+    assert (np.diff(costs) >= 0).all()
+    some = draw_space_genomes(like, space, 300, np.random.default_rng(0))
+    assert np.median(costs) < np.median(compute_prior_cost(like, some))
+    star = drawn.parent[:, 2:] == [1, 2]
+    assert (star.all(axis=1) & (drawn.parent[:, :2] == 0).all(axis=1)).any() or (
+        not ordered
+    )
 
 
 @pytest.mark.parametrize("survived", [0, 1, 15])
@@ -216,9 +257,9 @@ def searched():
 def found(searched):
     """The neighborhood and its rivals after the search."""
     evaluator, search, evidence = searched
-    kin = Neighborhood(search.space, evaluator, search.twins)
+    kin = Neighborhood(search.space, evaluator, search.twins, search.alike)
     before = evaluator.spent, evaluator.spent_choosing
-    kin.update(search.rivals, evidence, np.random.default_rng(0))
+    kin.update(search.rivals, evidence)
     assert evaluator.spent == before[0] and evaluator.spent_choosing > before[1]
     return kin, kin.list_hypotheses(evidence)
 
@@ -291,7 +332,7 @@ def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
     method = RivalStrategy(
         evaluator, space="free", known_lengths=False, random_actions=False
     )
-    method.neighborhood.update(search.rivals, evidence, np.random.default_rng(0))
+    method.neighborhood.update(search.rivals, evidence)
     method.found = found = method.neighborhood.list_hypotheses(evidence)
     table = found.tables[0]
     gap = np.nan_to_num(np.abs(found.tables - table)).max(axis=1)

@@ -15,7 +15,8 @@ from selfheal.selfmodel.evaluate import (
     Evidence,
 )
 from selfheal.selfmodel.paper import ReleasedQuirks, mutate_genes
-from selfheal.selfmodel.search import RivalSearch, RivalSet, _Climber
+from selfheal.selfmodel.rivals import RivalSet
+from selfheal.selfmodel.search import RivalSearch, _Climber
 from selfheal.selfmodel.space import (
     draw_space_genomes,
     find_space,
@@ -98,7 +99,7 @@ def test_a_crowd_keeps_the_best_of_each_structure():
     assert len(set(names)) == len(names) <= 30
     assert crowd.losses[0] == 0 and (np.diff(crowd.losses) > 0).all()
     np.testing.assert_array_equal(crowd.tables[:, 0, 0], crowd.losses)
-    crowd.keep_best(3)
+    crowd.keep_best(3, np.zeros(len(crowd)))
     assert len(crowd) == len(crowd.genomes) == 3
 
 
@@ -123,13 +124,28 @@ def test_the_hidden_body_is_found_among_the_rivals(seed):
             order=np.arange(len(evidence)),
         )
         np.testing.assert_allclose(crowd.losses, again, atol=1e-3)
-        assert (np.diff(crowd.losses) >= 0).all() and len(crowd) <= search.size
+        costs = crowd.losses + search.compute_prior(crowd.genomes)
+        assert (np.diff(costs) >= 0).all() and len(crowd) <= search.size
     right = (
         compute_edge_f1(build_bodies(TOY.anatomy, search.rivals.genomes), TOY.truth)
         == 1
     )
     assert right.any()
     assert search.rivals.losses[0] < 2
+
+
+def test_a_search_that_explains_every_reading_and_finds_no_other_tree_ends():
+    evaluator = make_evaluator()
+    search, rng = make_search(evaluator), np.random.default_rng(0)
+    evidence = measure_evidence(*range(6))
+    search.search(evidence, 10**6, rng)
+    assert evaluator.spent < 10**6 and search.vain >= 60
+    best = build_bodies(TOY.anatomy, search.rivals.genomes[:1])
+    assert compute_edge_f1(best, TOY.truth)[0] == 1
+    far = Evidence(evidence.tried, evidence.measured + 50.0)  # nothing explains it
+    before = evaluator.spent
+    search.search(far, before + 5000, rng)
+    assert evaluator.spent >= before + 5000
 
 
 def test_the_same_seed_searches_the_same_way():
