@@ -206,7 +206,7 @@ def test_bodies_drawn_from_the_prior_are_valid_alike_and_the_likeliest_first(
     costs = compute_prior_cost(like, drawn)
     assert (np.diff(costs) >= 0).all()
     some = draw_space_genomes(like, space, 300, np.random.default_rng(0))
-    assert np.median(costs) < np.median(compute_prior_cost(like, some))
+    assert costs.mean() < compute_prior_cost(like, some).mean()
     star = drawn.parent[:, 2:] == [1, 2]
     assert (star.all(axis=1) & (drawn.parent[:, :2] == 0).all(axis=1)).any() or (
         not ordered

@@ -93,7 +93,7 @@ def test_a_crowd_keeps_the_best_of_each_structure():
     for row in range(90):
         table = np.full((len(TOY.actions), 3), losses[row])
         crowd.add_rival(genomes[[row]], table, losses[row])
-    crowd.keep_best(1000)
+    crowd.keep_best(1000, np.zeros(len(crowd)))
     parent, side = crowd.genomes.parent, crowd.genomes.side
     names = [*map(bytes, np.hstack([parent, side]).astype(np.uint8))]
     assert len(set(names)) == len(names) <= 30
