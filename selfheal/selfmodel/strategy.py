@@ -113,7 +113,7 @@ class RivalStrategy:
     def choose_action(
         self, evidence: Evidence, rng: np.random.Generator
     ) -> tuple[int, str]:
-        """The action that best tells the trees of the hypotheses apart."""
+        """The action that best tells the hypotheses apart, their trees first."""
         actions = self.evaluator.actions
         if self.random_actions:
             action = choose_random_action(len(actions), evidence.tried, rng)
@@ -125,11 +125,11 @@ class RivalStrategy:
         # a part of the vote is the same for all: those known are not all there are
         belief = (1 - _UNKNOWN_SHARE) * belief + _UNKNOWN_SHARE / len(belief)
         weight = self.loss.weight
-        left = predict_belief(some.tables, some.genomes.parent, belief, weight)
-        action = choose_action(score_actions(left, belief), evidence.tried)
+        tree, body = predict_belief(some.tables, some.genomes.parent, belief, weight)
+        action = choose_action(score_actions(tree, body, belief), evidence.tried)
         return action, (
             f"of {len(self.found):,} bodies that might be it, leaves "
-            f"{100 * left[action] @ belief:.0f} % belief in the right tree"
+            f"{100 * tree[action] @ belief:.0f} % belief in the right tree"
         )
 
     def search_bodies(

@@ -79,7 +79,7 @@ WEIGHT = np.array([1.0, 1.0, 0.5])  # of degrees and millimeters
 
 def belief_in_right(tables, parent, belief) -> np.ndarray:
     """(A) belief in the right tree that can be expected after each action."""
-    return predict_belief(tables, parent, belief, WEIGHT) @ belief
+    return predict_belief(tables, parent, belief, WEIGHT)[0] @ belief
 
 
 def _trees(count: int) -> np.ndarray:
@@ -138,10 +138,20 @@ def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
 def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
     tilts, belief = np.zeros((4, 3, 3)), _even(4)
     tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
-    left = predict_belief(tilts, _trees(4), belief, WEIGHT)
-    np.testing.assert_allclose(left @ belief, [0.5, 0.5, 0.25])
-    score = score_actions(left, belief)
+    tree, body = predict_belief(tilts, _trees(4), belief, WEIGHT)
+    np.testing.assert_allclose(tree, body)  # a tree each
+    np.testing.assert_allclose(tree @ belief, [0.5, 0.5, 0.25])
+    score = score_actions(tree, body, belief)
     assert score[1] > score[0] > score[2]
+
+
+def test_of_actions_that_say_nothing_of_the_tree_one_that_tells_bodies_is_worth_more():
+    tilts, belief = np.zeros((2, 2, 3)), _even(2)
+    tilts[1, 1, 0] = 99
+    score = score_actions(
+        *predict_belief(tilts, np.zeros((2, PARTS)), belief, WEIGHT), belief
+    )
+    assert score[1] > score[0]
 
 
 def test_contrasts_count_the_like_parts_that_an_action_sends_apart():
