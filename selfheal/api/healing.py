@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, check_seed
 from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
@@ -22,6 +22,7 @@ def heal(
     run: "PathLike | Run | None" = None,
     damage: "str | Sequence[Damage] | None" = None,
     *,
+    hours: float | None = None,
     heading: float = 0.0,
     gait: str = "waves",
     seed: int = 0,
@@ -38,6 +39,7 @@ def heal(
         run: a finished run of `identify`, or its file. With `resume` it may be left
             out, if that run has a file.
         damage: what happens to the robot, in the words of `selfheal heal --damage`.
+        hours: instead: how long it walks [h], while damages drawn by the seed happen.
         heading: direction to walk, from forward to the left [rad].
         gait: how gaits are written: "waves", or "poses" as in 2006.
         seed: of everything random.
@@ -50,7 +52,8 @@ def heal(
         on_step: given the run when it begins, and after each phase.
 
     Returns:
-        The finished run. `result` has what `selfheal heal --json` prints.
+        The finished run. `result` has what `selfheal heal --json` prints, with
+        `--hours` or without.
 
     Raises:
         InputError: a setting makes no sense, or `out` holds a heal already.
@@ -59,6 +62,7 @@ def heal(
     from ..files import lock_file
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.record import HealRun
+    from ..robot.open_robot import is_described
 
     told = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
@@ -66,10 +70,14 @@ def heal(
             begun = load_phased_run(resume, HealRun)
             known = load_identified(run or begun.settings.run, robot)
             return _finish_heal(begun, known, Path(resume), *told)
-    if run is None or damage is None:
-        raise InputError("give a run and a damage, or a heal to resume")
-    known, settings = _make_settings(run, damage, heading, gait, seed, robot)
-    name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
+    if run is None or (damage is None) == (hours is None):
+        raise InputError("give a run and a damage or hours, or a heal to resume")
+    known, settings = _make_settings(
+        run, damage, heading, gait, seed, robot, hours=hours
+    )
+    robot_name = known[1].name
+    kind = known[1].anatomy.name if is_described(robot_name) else robot_name
+    name = f"heal-{kind.replace(':', '-')}-{seed}"
     with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
         if path:
@@ -126,28 +134,41 @@ def load_identified(
 
 def _make_settings(
     run: "PathLike | Run",
-    damage: "str | Sequence[Damage]",
+    damage: "str | Sequence[Damage] | None",
     heading: float,
     gait: str,
     seed: int,
     robot: "Robot | None",
+    *,
+    hours: float | None,
 ) -> "tuple[tuple[Run, Walker], HealSettings]":
     """The run, its robot and the settings of a new heal, checked."""
     import numpy as np
 
+    from ..recovery.hours import PAUSE, check_hours
     from ..recovery.record import HealSettings
-    from ..robot.accidents import parse_accident
+    from ..robot.accidents import draw_strikes, parse_accident
     from ..selfmodel.run import Run
 
     check_gait_settings(gait, heading, seed)
+    if hours is not None:
+        check_hours(hours)
     known = load_identified(run, robot)
-    what = (
-        parse_accident(damage, known[0].anatomy)
-        if isinstance(damage, str)
-        else tuple(damage)
-    )
-    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
     file = run.result.get("run", "") if isinstance(run, Run) else os.path.abspath(run)
+    if damage is None:
+        truth = known[1].truth
+        if truth is None or hours is None:
+            raise InputError(f"robot {known[1].name!r} is none that can be broken: it is "
+                             "not simulated")  # fmt: skip
+        rng = np.random.default_rng([seed, 31])
+        strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
+        return known, HealSettings(
+            file, tuple(s.damage for s in strikes), gait=gait, heading=heading,
+            seed=seed, hours=hours, onsets=tuple(s.time for s in strikes),
+        )  # fmt: skip
+    is_text = isinstance(damage, str)
+    what = parse_accident(damage, known[0].anatomy) if is_text else tuple(damage)
+    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
     return known, HealSettings(file, what, onset, gait, heading, seed)
 
 
@@ -161,17 +182,23 @@ def _finish_heal(
     """Phase by phase to the end, saved after each; then the page."""
     from ..gait.rival_bodies import select_rival_bodies
     from ..recovery.heal import heal_robot
+    from ..recovery.hours import heal_for_hours
     from ..recovery.phases import make_robot_states
     from ..report.heal import make_heal_page
+    from ..report.hours import make_hours_page
     from ..report.page import write_page
 
     found, robot = known
     models, weights = select_rival_bodies(found)
-    robots = make_robot_states(robot, run.settings)
-    steps = heal_robot(
-        robots, models, weights, run.settings, run=run, progress=progress
+    what = models, weights, run.settings
+    told: Any = {"run": run, "progress": progress}
+    steps = (
+        heal_for_hours(robot, *what, **told)
+        if run.settings.hours
+        else heal_robot(make_robot_states(robot, run.settings), *what, **told)
     )
     run = follow_phases(run, steps, path, on_step)
     if path:
-        write_page(make_heal_page(run, models), path.with_name(REPORT))
+        make = make_hours_page if run.settings.hours else make_heal_page
+        write_page(make(run, models), path.with_name(REPORT))
     return run
