@@ -23,7 +23,8 @@ _HEADING = typer.Option(help="Direction to walk, degrees from forward to the lef
 _DAMAGE = typer.Option(
     autocompletion=complete(list_damages),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
-    "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED.",
+    "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several "
+    "with commas, or random:SEED.",
 )
 _HOURS = typer.Option(
     help="Instead of a damage: hours that it walks, while random ones happen."

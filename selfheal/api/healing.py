@@ -158,18 +158,19 @@ def _make_settings(
     if damage is None:
         truth = known[1].truth
         if truth is None or hours is None:
-            raise InputError(f"robot {known[1].name!r} is none that can be broken: it is "
-                             "not simulated")  # fmt: skip
+            raise InputError(
+                f"robot {known[1].name!r} is not simulated, so nobody can break it"
+            )
         rng = np.random.default_rng([seed, 31])
         strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
         return known, HealSettings(
             file, tuple(s.damage for s in strikes), gait=gait, heading=heading,
             seed=seed, hours=hours, onsets=tuple(s.time for s in strikes),
         )  # fmt: skip
-    is_text = isinstance(damage, str)
-    what = parse_accident(damage, known[0].anatomy) if is_text else tuple(damage)
+    if isinstance(damage, str):
+        damage = parse_accident(damage, known[0].anatomy)
     onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
-    return known, HealSettings(file, what, onset, gait, heading, seed)
+    return known, HealSettings(file, tuple(damage), onset, gait, heading, seed)
 
 
 def _finish_heal(

@@ -16,7 +16,6 @@ from ..body.body import Bodies, Floats
 from ..body.damage import INTACT, Damage, Strike
 from ..errors import InputError
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import project_on_heading
 from ..robot.base import Walker
 from .heal import check_same_body
 from .phased_run import Phase, run_phases
@@ -27,6 +26,7 @@ from .phases import (
     Past,
     Progress,
     RobotStates,
+    measure_way,
     read_damage,
 )
 from .record import HealRun, HealSettings, read_gait
@@ -203,12 +203,11 @@ def _measure_intact(run: HealRun) -> float:
 
 
 def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
-    """Start [s], duration [s] and way along the heading [m] of each walk, in order."""
+    """Start [s], duration [s] and way [m] of each walk, in order."""
     heals, walks = run.heals, []
     for k, heal in enumerate(heals):
         start, path = compute_start(heals[: k + 1]), heal.phases["whole"]["position"]
-        way = float(project_on_heading(path[-1], run.settings.heading)[0])
-        walks.append((start, LEARNING_TIME, way))
+        walks.append((start, LEARNING_TIME, measure_way(path)))
         start += LEARNING_TIME
         for each in heal.phases["alarm"]["ways"]:
             walks.append((start, WATCHING_TIME, each))

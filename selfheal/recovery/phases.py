@@ -35,6 +35,7 @@ _MOST_HYPOTHESES, _LEAST_PROBABILITY = (
     4,
     0.05,
 )  # hypotheses that the new gait has to suit; chosen
+_ROWS = round(SECONDS / SAMPLE)
 _MOST_SHOWN = 6  # hypotheses in the result
 _HARMLESS_KINDS = (
     "none",
@@ -177,11 +178,9 @@ class HealPhases:
             "angles": np.radians(angles),
         }
 
-    def _measure_distance(
-        self, path: Floats, samples: int = round(SECONDS / SAMPLE)
-    ) -> float:
-        """Way along the heading after so many samples of a path (S, 3) [m]."""
-        last = path[max(samples, 1) - 1]
+    def _measure_distance(self, path: Floats) -> float:
+        """Way along the heading after `SECONDS` [m]."""
+        last = path[_ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
     def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
@@ -214,7 +213,7 @@ class HealPhases:
             now = read_channels(walked, self.anatomy)[1]
             seen = watch_walk(now, predicted, known, self.channels)
             end = round(seen.alarm.time / SAMPLE) if seen.alarm else len(now)
-            ways.append(self._measure_distance(read_position(walked), end))
+            ways.append(measure_way(read_position(walked)[: max(end, 1)]))
             if seen.alarm:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
@@ -349,6 +348,16 @@ class HealPhases:
         gait = max(rivals, key=lambda gait: gait.predicted)
         path = read_position(self._walk_robot(robot, gait, SECONDS, 202))
         return {"gait": serialize_gait(gait), "distance": self._measure_distance(path)}
+
+
+def measure_way(path: Floats) -> float:
+    """Way of a walk at positions (S, 3) [m]: straight within each `SECONDS` [m].
+
+    A gait has no compass: what curves a little in that time is far off its heading
+    after a few of them, and still carries the robot along.
+    """
+    ends = path[[*range(0, len(path) - 1, _ROWS), len(path) - 1], :2]
+    return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
 
 
 def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:

@@ -171,7 +171,7 @@ class HoursResult:
         robot: its name.
         hours: that it walked, alarms and all [h].
         intact: speed when whole [m/min].
-        distance: walked along the heading [m].
+        distance: walked, see `phases.measure_way` [m].
         kept: share of what a robot that stays whole would have walked [1].
         kept_first: the same had it kept its first gait, by the speeds after alarms.
         events: in order of time.

@@ -128,10 +128,10 @@ def _draw_speeds(run: HealRun) -> str:
     ax.plot([], [], "^", color=GREEN, ms=6, label="alarm")
     ax.plot([], [], "^", color=INK, ms=6, label="false alarm")
     ax.set_xlabel("time [min]")
-    ax.set_ylabel("speed along the heading [m/min]")
+    ax.set_ylabel("speed [m/min]")
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     caption = (
-        "Mean speed of each walk. Time stands still while the robot acts to find out "
+        "Mean speed of each walk, straight within each 10 s. Time stands still while the robot acts to find out "
         "what happened, and while it makes a gait."
     )
     return embed_figure(fig, caption)
