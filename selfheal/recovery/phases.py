@@ -15,6 +15,7 @@ from ..engine.plant import (
     list_gone_targets,
 )
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
+from ..errors import InputError
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import Gait, evaluate_gait, project_on_heading, synthesize_gait
 from ..recording import Recording
@@ -36,6 +37,9 @@ _MOST_HYPOTHESES, _LEAST_PROBABILITY = (
     0.05,
 )  # hypotheses that the new gait has to suit; chosen
 _ROWS = round(SECONDS / SAMPLE)
+# Of the tenth percentile of the distance that is predicted, a robot that goes less has
+# another body than the gait was made for; chosen
+_FAR_ENOUGH = 0.5
 _MOST_SHOWN = 6  # hypotheses in the result
 _HARMLESS_KINDS = (
     "none",
@@ -189,7 +193,15 @@ class HealPhases:
         self.progress("whole", "walking", 0.0)
         walked = self._walk_robot(self.robots.intact, gait, LEARNING_TIME, 0)
         path = self._extract_path(walked)
-        return {**path, "distance": self._measure_distance(path["position"]),
+        distance = self._measure_distance(path["position"])
+        if not self.past.believed and distance < _FAR_ENOUGH * gait.low:
+            raise InputError(
+                f"robot {self.anatomy.name!r} went {distance:.2f} m in 10 s where its "
+                f"self-model predicts {gait.predicted:.2f} m ({gait.low:.2f} to "
+                f"{gait.high:.2f}): it has another body, so that no damage could be "
+                "told; would fit: a run of identify with more cycles, or more sensors"
+            )
+        return {**path, "distance": distance,
                 "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:

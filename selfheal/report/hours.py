@@ -131,8 +131,8 @@ def _draw_speeds(run: HealRun) -> str:
     ax.set_ylabel("speed [m/min]")
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     caption = (
-        "Mean speed of each walk, straight within each 10 s. Time stands still while the robot acts to find out "
-        "what happened, and while it makes a gait."
+        "Mean speed of each walk, straight within each 10 s. Time stands still while "
+        "the robot acts to find out what happened, and while it makes a gait."
     )
     return embed_figure(fig, caption)
 
@@ -146,9 +146,10 @@ def _make_walks(run: HealRun, models: Bodies) -> str:
     done = [k for k, heal in enumerate(heals) if "first" in heal.phases]
     for k in [k for k in done if not heals[k].phases["healed"]["kept"]]:
         walked, alarm = (heals[k].phases[name] for name in ("walked", "alarm"))
-        body = apply_damages(plant, *list_believed(heals[: k + 1])).body
+        believed = list_believed(heals[: k + 1])
+        body = apply_damages(plant, *believed).body
         paths = (walked[f"healed_{key}"] for key in keys)
-        title = f"with the gait after the {describe_alarm(alarm['alarm'], None)}"
+        title = f"{describe_alarm(alarm['alarm'], None)}: {believed[-1]}"
         lanes.append(Lane(title, GREEN, body, *paths))
     if done:
         first = heals[done[-1]].phases["first"]

@@ -113,7 +113,7 @@ class SimulatedRobot:
     def struck(
         self, damage: tuple[Damage, ...], onset: float = 0.0
     ) -> "SimulatedRobot":
-        """This robot with one damage more; see `base.Walker`."""
+        """This robot with one damage more, at `onset` [s]; see `base.Walker`."""
         new = tuple(Strike(onset, each) for each in damage)
         strikes = sorted((*self.strikes, *new), key=lambda strike: strike.time)
         return replace(self, strikes=tuple(strikes))
