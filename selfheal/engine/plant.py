@@ -168,7 +168,9 @@ def list_motions(plants: Sequence[Plant]) -> tuple[list[Plant], list[int]]:
     """
     moving = [f.name for f in fields(Plant) if f.name != "gain"]
     keys = [tuple(id(getattr(plant, name)) for name in moving) for plant in plants]
-    different = dict(zip(keys, plants, strict=True))
+    different = dict[tuple[int, ...], Plant]()
+    for key, plant in zip(keys, plants, strict=True):
+        different.setdefault(key, plant)
     place = {key: k for k, key in enumerate(different)}
     return list(different.values()), [place[key] for key in keys]
 

@@ -73,7 +73,7 @@ def describe_hours(result: Mapping[str, Any]) -> str:
 
 def format_share(share: float) -> str:
     """A share in words."""
-    return f"{100 * share:.0f} %"
+    return f"{round(100 * share)} %"
 
 
 def format_events(result: Mapping[str, Any]) -> list[tuple[str, ...]]:

@@ -14,9 +14,9 @@ _SCALE, _STRENGTH, _JAM = (0.1, 0.75), (0.15, 0.5), np.radians((-45.0, 45.0))
 _SLOPE, _FRICTION = np.radians((5.0, 12.0)), (0.05, 0.2)
 BODY_KINDS = ("part_scale", "limb_loss", "joint_jam", "weak_motor", "sensor_dead")
 WORLD_KINDS = ("slope", "ground_friction")
-# Of an hour: about six damages, which is as many as the robot of 2006 has joints to
-# lose before it lies still; of less than 20 minutes, about two. Chosen.
-_MEAN_TIME = 600.0  # [s] between damages
+# [s] between damages; chosen: an hour has about six, and what is left of the robot of
+# 2006 after as many still walks. Of less than 20 minutes it is half, for two damages.
+_MEAN_TIME = 600.0
 _TRIES = 1000  # draws in vain after which all that can break is broken; chosen
 _GROWING, _STEPS = ("part_scale", "weak_motor"), 3  # kinds that come in so many steps
 
