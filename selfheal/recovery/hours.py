@@ -16,17 +16,18 @@ from ..body.body import Bodies, Floats
 from ..body.damage import INTACT, Damage, Strike
 from ..errors import InputError
 from ..gait.pattern import SECONDS
+from ..gait.synthesis import measure_way
 from ..robot.base import Walker
 from .heal import check_same_body
 from .phased_run import Phase, run_phases
 from .phases import (
     LEARNING_TIME,
+    ROWS,
     WATCHING_TIME,
     HealPhases,
     Past,
     Progress,
     RobotStates,
-    measure_way,
     read_damage,
 )
 from .record import HealRun, HealSettings, read_gait
@@ -176,9 +177,11 @@ def list_believed(heals: Sequence[HealRun]) -> list[Damage]:
 
 def _summarize_hours(run: HealRun, robot: str) -> dict[str, Any]:
     """What `heal --hours --json` prints."""
-    walks, intact = list_walks(run), _measure_intact(run)
+    walks = list_walks(run)
     start, seconds, _ = walks[-1]
-    distance, whole = sum(walk[2] for walk in walks), intact * (start + seconds) / 60
+    # the first walk is a whole robot's
+    whole = walks[0][2] / walks[0][1] * (start + seconds)
+    distance = sum(way for _, _, way in walks)
     events = _list_events(run, start + seconds)
     return {
         "format": "selfheal-heal-hours",
@@ -186,10 +189,10 @@ def _summarize_hours(run: HealRun, robot: str) -> dict[str, Any]:
         "robot": robot,
         "seed": run.settings.seed,
         "hours": round((start + seconds) / 3600, 4),
-        "intact": round(intact, 3),
+        "intact": round(_measure_intact(run), 3),
         "distance": round(distance, 3),
         "kept": round(distance / whole, 4),
-        "kept_first": round(_sum_first(run, start + seconds) / whole, 4),
+        "kept_first": round(_share_first(run, start + seconds), 4),
         "events": events,
         "false_alarms": sum(event["damage"] is None for event in events),
         "seconds": round(run.seconds, 1),
@@ -204,10 +207,13 @@ def _measure_intact(run: HealRun) -> float:
 
 def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
     """Start [s], duration [s] and way [m] of each walk, in order."""
-    heals, walks = run.heals, []
+    heals, heading = run.heals, run.settings.heading
+    walks: list[tuple[float, float, float]] = []
     for k, heal in enumerate(heals):
-        start, path = compute_start(heals[: k + 1]), heal.phases["whole"]["position"]
-        walks.append((start, LEARNING_TIME, measure_way(path)))
+        start = compute_start(heals[: k + 1])
+        walks.append(
+            (start, LEARNING_TIME, _measure_way(heal.phases["whole"], heading))
+        )
         start += LEARNING_TIME
         for each in heal.phases["alarm"]["ways"]:
             walks.append((start, WATCHING_TIME, each))
@@ -219,19 +225,26 @@ def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
 
 
 def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
-    """Since when [s] the first gait is how fast [m/min], as it was after each alarm."""
-    speeds = [(0.0, _measure_intact(run))]
+    """Since when [s] the first gait has which speed [m/min], of a walk each alarm."""
+    walked = [(0.0, run.heals[0].phases["whole"])]
     for heal in run.heals:
         if "first" in heal.phases:
-            since = heal.phases["alarm"]["alarm"]["time"]
-            speeds.append((since, _PER_MINUTE * heal.phases["first"]["distance"]))
-    return speeds
+            walked.append((heal.phases["alarm"]["alarm"]["time"], heal.phases["first"]))
+    return [
+        (since, _PER_MINUTE * _measure_way(walk, run.settings.heading, ROWS))
+        for since, walk in walked
+    ]
 
 
-def _sum_first(run: HealRun, end: float) -> float:
-    """Way until a time [s] with the first gait, by its speeds after alarms [m]."""
+def _measure_way(walk: Phase, heading: float, rows: int | None = None) -> float:
+    """Way of the first rows of a walk that a phase keeps; see `gait.synthesis.measure_way`."""
+    return measure_way(walk["position"][:rows], walk["orientation"][:rows], heading)
+
+
+def _share_first(run: HealRun, end: float) -> float:
+    """Share of the whole robot's way until a time [s] that the first gait keeps."""
     times, speeds = np.array(list_first_speeds(run)).T
-    return float(np.diff([*times, end]) @ speeds / 60)
+    return float(np.diff([*times, end]) @ speeds / (end * speeds[0]))
 
 
 def _list_events(run: HealRun, end: float) -> list[dict[str, Any]]:

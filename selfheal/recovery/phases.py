@@ -17,7 +17,13 @@ from ..engine.plant import (
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
 from ..errors import InputError
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import Gait, evaluate_gait, project_on_heading, synthesize_gait
+from ..gait.synthesis import (
+    Gait,
+    evaluate_gait,
+    measure_way,
+    project_on_heading,
+    synthesize_gait,
+)
 from ..recording import Recording
 from ..robot.base import Walker
 from ..robot.read_channels import read_channels, read_orientation, read_position
@@ -36,7 +42,7 @@ _MOST_HYPOTHESES, _LEAST_PROBABILITY = (
     4,
     0.05,
 )  # hypotheses that the new gait has to suit; chosen
-_ROWS = round(SECONDS / SAMPLE)
+ROWS = round(SECONDS / SAMPLE)
 # Of the tenth percentile of the distance that is predicted, a robot that goes less has
 # another body than the gait was made for; chosen
 _FAR_ENOUGH = 0.5
@@ -184,7 +190,7 @@ class HealPhases:
 
     def _measure_distance(self, path: Floats) -> float:
         """Way along the heading after `SECONDS` [m]."""
-        last = path[_ROWS - 1]
+        last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
     def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
@@ -225,7 +231,8 @@ class HealPhases:
             now = read_channels(walked, self.anatomy)[1]
             seen = watch_walk(now, predicted, known, self.channels)
             end = round(seen.alarm.time / SAMPLE) if seen.alarm else len(now)
-            ways.append(measure_way(read_position(walked)[: max(end, 1)]))
+            path = read_position(walked)[:end], read_orientation(walked)[:end]
+            ways.append(measure_way(*path, self.settings.heading))
             if seen.alarm:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
@@ -360,16 +367,6 @@ class HealPhases:
         gait = max(rivals, key=lambda gait: gait.predicted)
         path = read_position(self._walk_robot(robot, gait, SECONDS, 202))
         return {"gait": serialize_gait(gait), "distance": self._measure_distance(path)}
-
-
-def measure_way(path: Floats) -> float:
-    """Way of a walk at positions (S, 3) [m]: straight within each `SECONDS` [m].
-
-    A gait has no compass: what curves a little in that time is far off its heading
-    after a few of them, and still carries the robot along.
-    """
-    ends = path[[*range(0, len(path) - 1, _ROWS), len(path) - 1], :2]
-    return float(np.linalg.norm(np.diff(ends, axis=0), axis=1).sum())
 
 
 def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:

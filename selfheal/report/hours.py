@@ -131,7 +131,8 @@ def _draw_speeds(run: HealRun) -> str:
     ax.set_ylabel("speed [m/min]")
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     caption = (
-        "Mean speed of each walk, straight within each 10 s. Time stands still while "
+        "Mean speed of each walk along the heading, as the robot faces at each 10 s "
+        "anew. Time stands still while "
         "the robot acts to find out what happened, and while it makes a gait."
     )
     return embed_figure(fig, caption)

@@ -8,6 +8,7 @@ import pytest
 
 from selfheal.body.damage import Damage, Strike
 from selfheal.errors import InputError, RunFileError
+from selfheal.gait.synthesis import measure_way
 from selfheal.recovery.hours import (
     PAUSE,
     _list_events,
@@ -17,7 +18,7 @@ from selfheal.recovery.hours import (
     list_walks,
 )
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run
-from selfheal.recovery.phases import LEARNING_TIME, measure_way
+from selfheal.recovery.phases import LEARNING_TIME
 from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.report.heal import describe_alarm
 from selfheal.report.hours import format_events, make_hours_page
@@ -164,11 +165,16 @@ def test_hours_that_make_no_sense_are_refused(hours):
         check_hours(hours)
 
 
-def test_a_way_counts_where_it_curves_and_not_where_it_rocks():
-    time = 0.05 * np.arange(1, 601)
-    turn = np.radians(4.5) * time  # a quarter circle every 20 s
-    curved = np.stack([np.sin(turn), 1 - np.cos(turn), 0 * turn], axis=1)
-    assert measure_way(curved) == pytest.approx(turn[-1], rel=0.04)
-    rocking = np.stack([0.1 * np.sin(2 * np.pi * time), 0 * time, 0 * time], axis=1)
-    assert measure_way(rocking) < 0.1
+def test_a_way_counts_where_it_curves_and_not_where_it_rocks_or_slides():
+    time, still = 0.05 * np.arange(1, 601), np.zeros(600)
+    turn = np.radians(1.5) * time  # 15 degrees in 10 s, along the tangent
+    path = np.stack([np.sin(turn), 1 - np.cos(turn), still], axis=1)
+    faced = np.stack([np.cos(turn / 2), still, still, np.sin(turn / 2)], axis=1)
+    assert measure_way(path, faced, 0.0) == pytest.approx(turn[-1], rel=0.02)
+    back = measure_way(path, faced, np.pi)
+    assert back == pytest.approx(-measure_way(path, faced, 0.0))
+    ahead = np.tile([1.0, 0, 0, 0], (600, 1))
+    for along in ([0.1 * np.sin(2 * np.pi * time), still], [still, time]):
+        path = np.stack([*along, still], axis=1)
+        assert abs(measure_way(path, ahead, 0.0)) < 0.1
     assert LEARNING_TIME < PAUSE
