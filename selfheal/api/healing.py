@@ -62,7 +62,7 @@ def heal(
     from ..files import lock_file
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.record import HealRun
-    from ..robot.open_robot import is_described
+    from ..robot.open_robot import name_robot
 
     told = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
@@ -72,13 +72,12 @@ def heal(
             return _finish_heal(begun, known, Path(resume), *told)
     if run is None or (damage is None) == (hours is None):
         raise InputError("give a run and a damage or hours, or a heal to resume")
-    known, settings = _make_settings(
-        run, damage, heading, gait, seed, robot, hours=hours
+    how = heading, gait, seed
+    known, settings = _make_settings(run, damage, *how, robot, hours=hours)
+    begun_file = begin_run_file(
+        out, _RUN, name=f"heal-{name_robot(known[1])}-{seed}", force=force
     )
-    robot_name = known[1].name
-    kind = known[1].anatomy.name if is_described(robot_name) else robot_name
-    name = f"heal-{kind.replace(':', '-')}-{seed}"
-    with begin_run_file(out, _RUN, name=name, force=force) as path:
+    with begun_file as path:
         begun = HealRun(settings)
         if path:
             save_phased_run(begun, path)

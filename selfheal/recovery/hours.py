@@ -237,7 +237,7 @@ def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
 
 
 def _measure_way(walk: Phase, heading: float, rows: int | None = None) -> float:
-    """Way of the first rows of a walk that a phase keeps; see `gait.synthesis.measure_way`."""
+    """Way [m] of the first rows of a walk; see `gait.synthesis.measure_way`."""
     return measure_way(walk["position"][:rows], walk["orientation"][:rows], heading)
 
 
