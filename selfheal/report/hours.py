@@ -66,7 +66,8 @@ def describe_hours(result: Mapping[str, Any]) -> str:
         f"It walked {result['distance']:.1f} m in {result['hours']:.2f} hours, "
         f"{format_share(result['kept'])} of what it would have walked whole; with its "
         f"first gait it would have kept {format_share(result['kept_first'])}. Of "
-        f"{len(struck)} damages it noticed {len(noticed)} and named {right} rightly; "
+        f"{len(struck)} damage{'s' * (len(struck) != 1)} it noticed {len(noticed)} and "
+        f"named {right} rightly; "
         f"{false} false alarm{'s' * (false != 1)}."
     )
 
