@@ -52,8 +52,7 @@ def heal(
         on_step: given the run when it begins, and after each phase.
 
     Returns:
-        The finished run. `result` has what `selfheal heal --json` prints, with
-        `--hours` or without.
+        The finished run. `result` has what `selfheal heal --json` prints.
 
     Raises:
         InputError: a setting makes no sense, or `out` holds a heal already.
@@ -74,10 +73,8 @@ def heal(
         raise InputError("give a run and a damage or hours, or a heal to resume")
     how = heading, gait, seed
     known, settings = _make_settings(run, damage, *how, robot, hours=hours)
-    begun_file = begin_run_file(
-        out, _RUN, name=f"heal-{name_robot(known[1])}-{seed}", force=force
-    )
-    with begun_file as path:
+    name = f"heal-{name_robot(known[1])}-{seed}"
+    with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
         if path:
             save_phased_run(begun, path)
