@@ -43,7 +43,7 @@ def heal(
         heading: direction to walk, from forward to the left [rad].
         gait: how gaits are written: "waves", or "poses" as in 2006.
         seed: of everything random.
-        robot: that was identified; None opens it by the name in the run.
+        robot: that was identified; None opens it by its name.
         out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
             given the run's name and makes the folder.
         resume: file of a heal to go on with, by its own settings.
@@ -71,8 +71,7 @@ def heal(
             return _finish_heal(begun, known, Path(resume), *told)
     if run is None or (damage is None) == (hours is None):
         raise InputError("give a run and a damage or hours, or a heal to resume")
-    how = heading, gait, seed
-    known, settings = _make_settings(run, damage, *how, robot, hours=hours)
+    known, settings = _make_settings(run, damage, hours, heading, gait, seed, robot)
     name = f"heal-{name_robot(known[1])}-{seed}"
     with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
@@ -131,12 +130,11 @@ def load_identified(
 def _make_settings(
     run: "PathLike | Run",
     damage: "str | Sequence[Damage] | None",
+    hours: float | None,
     heading: float,
     gait: str,
     seed: int,
     robot: "Robot | None",
-    *,
-    hours: float | None,
 ) -> "tuple[tuple[Run, Walker], HealSettings]":
     """The run, its robot and the settings of a new heal, checked."""
     import numpy as np
