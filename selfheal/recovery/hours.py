@@ -46,12 +46,13 @@ def check_hours(hours: float) -> None:
     Raises:
         InputError: says what would fit.
     """
-    least = PAUSE / 3600
+    seconds = PAUSE + WATCHING_TIME
+    least = seconds / 3600
     if not least <= hours <= _MOST_HOURS:
         raise InputError(
             f"{hours:g} hours; would fit: {np.ceil(1000 * least) / 1000:g} "
-            f"({PAUSE:.0f} s, to learn how the robot walks and to watch one walk) to "
-            f"{_MOST_HOURS:g}"
+            f"({seconds:.0f} s, to learn how the robot walks, to watch one walk, and "
+            f"one in which it may break) to {_MOST_HOURS:g}"
         )
 
 

@@ -66,7 +66,7 @@ def test_gait_on_the_command_line(tmp_path):
         (("heal",), "--resume HEAL.h5"),
         (("heal", "{run}"), "--damage"),
         (("heal", "{run}", "--damage", "loss:left_upper", "--hours", 1), "either"),
-        (("heal", "{run}", "--hours", 0.01), "0.02"),
+        (("heal", "{run}", "--hours", 0.01), "0.031"),
         (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
         (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
         (("heal", "--resume", "{run}"), "not a heal's file"),
