@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._options import AS_JSON, complete, list_damages, out_folder
-from ._print import print_json, print_line, print_table
+from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -23,7 +23,11 @@ _HEADING = typer.Option(help="Direction to walk, degrees from forward to the lef
 _DAMAGE = typer.Option(
     autocompletion=complete(list_damages),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
-    "slope:DEG[:AZIMUTH], friction:VALUE, several with commas, or random:SEED.",
+    "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several "
+    "with commas, or random:SEED.",
+)
+_HOURS = typer.Option(
+    help="Instead of a damage: hours that it walks, while random ones happen."
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 _SEED = typer.Option(help="Of everything random.")
@@ -39,6 +43,7 @@ _PHASES = {
     "healed": "a gait for what it is now",
     "walked": "walked, old gait and new",
     "known": "for comparison, a gait made knowing the damage",
+    "first": "for comparison, walked with its first gait",
 }
 
 
@@ -91,6 +96,7 @@ def heal(
         typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'."),
     ] = None,
     damage: Annotated[str | None, _DAMAGE] = None,
+    hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
     seed: Annotated[int, _SEED] = 0,
@@ -110,8 +116,11 @@ def heal(
 
     if (run is None) == (resume is None):
         raise InputError("give either RUN.h5 --damage WHAT or --resume HEAL.h5")
-    if run is not None and damage is None:
-        raise InputError("say what happens to the robot: --damage right_lower:0.1, say")
+    if run is not None and (damage is None) == (hours is None):
+        raise InputError(
+            "say what happens to the robot: either --damage right_lower:0.1, say, or "
+            "--hours 1 of random damages"
+        )
     folder = RunFolder(out, force)
     with ProgressBar("reading", as_json=as_json, asked=progress) as live:
         show = _PhaseProgress(live, _SECONDS)
@@ -122,8 +131,8 @@ def heal(
         else:
             _check_heading(heading)
             done = run_heal(
-                run, damage, heading=math.radians(heading), gait=gait, seed=seed,
-                out=folder, force=force, **told,
+                run, damage, hours=hours, heading=math.radians(heading), gait=gait,
+                seed=seed, out=folder, force=force, **told,
             )  # fmt: skip
     if as_json:
         print_json(done.result)
@@ -198,21 +207,23 @@ class _PhaseProgress:
 
     def __init__(self, live: ProgressBar, seconds: Mapping[str, float]) -> None:
         """`seconds`: that each phase takes, about."""
-        self.live, self.begun = live, False
+        self.live, self.begun, self.is_long = live, False, False
         self.stages = StageProgress(seconds, _START)
 
     def __call__(self, phase: str, what: str, share: float) -> None:
         """Show what a phase does and how much of that is done."""
-        over = self.stages.compute_share(phase, share)
+        over = share if self.is_long else self.stages.compute_share(phase, share)
         self.live.show(f"{_PHASES.get(phase, phase)}: {what}", over)
 
     def show_phase(self, run: "HealRun") -> None:
         """A line for the last phase, of a run that has a new one."""
         first, self.begun = not self.begun, True
+        self.is_long = bool(run.settings.hours)
         if first or run.result:
             return
         name, phase = list(run.phases.items())[-1]
-        self.live.say(f"{self.live.seconds:6.1f} s  {_format_phase(name, phase)}")
+        said = _format_phase(name.partition(" ")[0], phase)
+        self.live.say(f"{self.live.seconds:6.1f} s  {said}")
 
 
 def _format_phase(name: str, phase: Any) -> str:
@@ -226,10 +237,10 @@ def _format_phase(name: str, phase: Any) -> str:
     if name == "whole":
         return f"{told}: {phase['distance']:.2f} m in 10 s"
     if name == "alarm":
+        from selfheal.report.heal import describe_alarm
+
         a = phase["alarm"]
-        return f"{told}: " + (
-            f"alarm after {a['time']:.1f} s by {a['sensor']}" if a else "no alarm"
-        )
+        return f"{told}: {describe_alarm(a, None) if a else 'no alarm'}"
     if name == "verdict":
         return f"{told}: {_format_hypothesis(phase['believed'][0])}"
     if name == "walked":
@@ -247,7 +258,21 @@ def _format_hypothesis(believed: dict[str, Any]) -> str:
 def _print_result(run: "HealRun", files: list[Path]) -> None:
     """What happened, the distances, the files."""
     result = run.result
-    rows = []
+    if run.settings.hours:
+        from selfheal.report.hours import EVENT_HEAD, describe_hours, format_events
+
+        print_table(EVENT_HEAD, format_events(result))
+        print_paragraph(describe_hours(result))
+        print_line(f"speeds in m/min; {result['seconds']} s in all")
+    else:
+        _print_heal(run)
+    for file in files:
+        print_line(os.fspath(file))
+
+
+def _print_heal(run: "HealRun") -> None:
+    """What happened once, and the distances."""
+    result, rows = run.result, []
     for k, believed in enumerate(run.phases["verdict"]["believed"]):
         if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
             words = _format_hypothesis(believed).rpartition(" (")
@@ -261,5 +286,3 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
     print_table(("robot", "walks in 10 s"), rows)
     told = f"{result['actions']} actions to find what happened"
     print_line(f"{told}, {result['seconds']} s in all")
-    for file in files:
-        print_line(os.fspath(file))

@@ -29,16 +29,16 @@ from selfheal.recovery.predict_actions import (
     infer_damage,
     predict_actions,
 )
-from selfheal.recovery.read_channels import (
-    read_channels,
-    read_orientation,
-    read_position,
-)
 from selfheal.recovery.record import HealRun, HealSettings, read_gait
 from selfheal.robot.accidents import BODY_KINDS, WORLD_KINDS, draw_damage
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.base import require_walker
 from selfheal.robot.open_robot import open_robot
+from selfheal.robot.read_channels import (
+    read_channels,
+    read_orientation,
+    read_position,
+)
 from selfheal.robot.replay import replay
 from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings

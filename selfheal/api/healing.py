@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, check_seed
 from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
@@ -22,6 +22,7 @@ def heal(
     run: "PathLike | Run | None" = None,
     damage: "str | Sequence[Damage] | None" = None,
     *,
+    hours: float | None = None,
     heading: float = 0.0,
     gait: str = "waves",
     seed: int = 0,
@@ -38,10 +39,11 @@ def heal(
         run: a finished run of `identify`, or its file. With `resume` it may be left
             out, if that run has a file.
         damage: what happens to the robot, in the words of `selfheal heal --damage`.
+        hours: instead: how long it walks [h], while damages drawn by the seed happen.
         heading: direction to walk, from forward to the left [rad].
         gait: how gaits are written: "waves", or "poses" as in 2006.
         seed: of everything random.
-        robot: that was identified; None opens it by the name in the run.
+        robot: that was identified; None opens it by its name.
         out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
             given the run's name and makes the folder.
         resume: file of a heal to go on with, by its own settings.
@@ -59,6 +61,7 @@ def heal(
     from ..files import lock_file
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.record import HealRun
+    from ..robot.open_robot import name_robot
 
     told = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
@@ -66,10 +69,10 @@ def heal(
             begun = load_phased_run(resume, HealRun)
             known = load_identified(run or begun.settings.run, robot)
             return _finish_heal(begun, known, Path(resume), *told)
-    if run is None or damage is None:
-        raise InputError("give a run and a damage, or a heal to resume")
-    known, settings = _make_settings(run, damage, heading, gait, seed, robot)
-    name = f"heal-{known[1].name.replace(':', '-')}-{seed}"
+    if run is None or (damage is None) == (hours is None):
+        raise InputError("give a run and a damage or hours, or a heal to resume")
+    known, settings = _make_settings(run, damage, hours, heading, gait, seed, robot)
+    name = f"heal-{name_robot(known[1])}-{seed}"
     with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
         if path:
@@ -126,7 +129,8 @@ def load_identified(
 
 def _make_settings(
     run: "PathLike | Run",
-    damage: "str | Sequence[Damage]",
+    damage: "str | Sequence[Damage] | None",
+    hours: float | None,
     heading: float,
     gait: str,
     seed: int,
@@ -135,20 +139,32 @@ def _make_settings(
     """The run, its robot and the settings of a new heal, checked."""
     import numpy as np
 
+    from ..recovery.hours import PAUSE, check_hours
     from ..recovery.record import HealSettings
-    from ..robot.accidents import parse_accident
+    from ..robot.accidents import draw_strikes, parse_accident
     from ..selfmodel.run import Run
 
     check_gait_settings(gait, heading, seed)
+    if hours is not None:
+        check_hours(hours)
     known = load_identified(run, robot)
-    what = (
-        parse_accident(damage, known[0].anatomy)
-        if isinstance(damage, str)
-        else tuple(damage)
-    )
-    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
     file = run.result.get("run", "") if isinstance(run, Run) else os.path.abspath(run)
-    return known, HealSettings(file, what, onset, gait, heading, seed)
+    if damage is None:
+        truth = known[1].truth
+        if truth is None or hours is None:
+            raise InputError(
+                f"robot {known[1].name!r} is not simulated, so nobody can break it"
+            )
+        rng = np.random.default_rng([seed, 31])
+        strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
+        return known, HealSettings(
+            file, tuple(s.damage for s in strikes), gait=gait, heading=heading,
+            seed=seed, hours=hours, onsets=tuple(s.time for s in strikes),
+        )  # fmt: skip
+    if isinstance(damage, str):
+        damage = parse_accident(damage, known[0].anatomy)
+    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
+    return known, HealSettings(file, tuple(damage), onset, gait, heading, seed)
 
 
 def _finish_heal(
@@ -161,17 +177,23 @@ def _finish_heal(
     """Phase by phase to the end, saved after each; then the page."""
     from ..gait.rival_bodies import select_rival_bodies
     from ..recovery.heal import heal_robot
+    from ..recovery.hours import heal_for_hours
     from ..recovery.phases import make_robot_states
     from ..report.heal import make_heal_page
+    from ..report.hours import make_hours_page
     from ..report.page import write_page
 
     found, robot = known
     models, weights = select_rival_bodies(found)
-    robots = make_robot_states(robot, run.settings)
-    steps = heal_robot(
-        robots, models, weights, run.settings, run=run, progress=progress
+    what = models, weights, run.settings
+    told: Any = {"run": run, "progress": progress}
+    steps = (
+        heal_for_hours(robot, *what, **told)
+        if run.settings.hours
+        else heal_robot(make_robot_states(robot, run.settings), *what, **told)
     )
     run = follow_phases(run, steps, path, on_step)
     if path:
-        write_page(make_heal_page(run, models), path.with_name(REPORT))
+        make = make_hours_page if run.settings.hours else make_heal_page
+        write_page(make(run, models), path.with_name(REPORT))
     return run

@@ -80,7 +80,7 @@ def identify(
         RunFileError: the run cannot be read, or another process works on it.
     """
     from ..files import lock_file
-    from ..robot.open_robot import is_described
+    from ..robot.open_robot import name_robot
     from ..selfmodel.loop import check_settings
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
@@ -96,9 +96,7 @@ def identify(
     if options.get("cycles") is None:
         settings = replace(settings, cycles=min(settings.cycles, len(robot.actions)))
     check_settings(settings, robot)
-    kind = settings.robot.replace(":", "-")
-    kind = robot.anatomy.name if is_described(settings.robot) else kind
-    name = f"{kind}-{settings.seed}"
+    name = f"{name_robot(robot)}-{settings.seed}"
     begun = begin_run_file(out, _RUN, name=name, force=force, others=(_MODEL, REPORT))
     with begun as path:
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)

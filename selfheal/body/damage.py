@@ -28,12 +28,14 @@ KIND_WORDS = {
     "jam": ("joint_jam", 2),
     "weak": ("weak_motor", 2),
     "dead": ("sensor_dead", 1),
+    "lie": ("weak_sensor", 2),
     "slope": ("slope", 2),
     "friction": ("ground_friction", 1),
 }
 _USAGE = (
     "PART:SCALE, loss:PART, jam:JOINT[:DEGREES], weak:ACTUATOR:FACTOR, dead:SENSOR, "
-    "slope:DEGREES[:AZIMUTH], friction:VALUE, or several with commas between"
+    "lie:SENSOR[:FACTOR], slope:DEGREES[:AZIMUTH], friction:VALUE, or several with "
+    "commas between"
 )
 
 
@@ -81,6 +83,19 @@ class Damage:
             "ground_friction": f"ground friction {value:.2f}",
             "wind": f"wind of {value:.0f} m/s",
         }[self.kind]
+
+
+@dataclass(frozen=True)
+class Strike:
+    """A damage that happens at some time.
+
+    Attributes:
+        time: when [s].
+        damage: what; on top of whatever happened before.
+    """
+
+    time: float
+    damage: Damage
 
 
 INTACT = Damage("none")
@@ -171,8 +186,11 @@ def _parse_damage(word: str, anatomy: Anatomy) -> Damage:
         return Damage(kind, target, _parse_number(word, rest[0], 0.05, 2.0))
     if kind == "limb_loss":
         return Damage(kind, _parse_target("body", rest[0], anatomy.parts))
-    if kind == "sensor_dead":
-        return Damage(kind, _parse_target("sensor", rest[0], list_sensors(anatomy)))
+    if kind in ("sensor_dead", "weak_sensor"):
+        target = _parse_target("sensor", rest[0], list_sensors(anatomy))
+        if kind == "sensor_dead":
+            return Damage(kind, target)
+        return Damage(kind, target, _parse_number(word, (*rest, "0.5")[1], 0.05, 1.0))
     if kind == "joint_jam":
         angle = _parse_number(word, rest[1] if len(rest) > 1 else "0", -90, 90)
         target = _parse_target("joint", rest[0], anatomy.joints)

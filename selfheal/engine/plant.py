@@ -1,10 +1,11 @@
 """Plants: one way that a robot, its servos and its world may be, as numbers."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, scale_parts
+from ..body.body import Anatomy, Bodies, Floats, scale_parts
 from ..body.changes import follow_with_play, limit_rate, list_subtree
 from ..body.damage import Damage
 from ..body.mjcf import Physics
@@ -38,7 +39,8 @@ class Plant:
         offset: (P) of every servo's zero [rad].
         jam: (P) angle at which a joint stands still [rad], NaN where it moves.
         slope: (2) tilt of the ground, downhill azimuth [rad].
-        dead: names of sensors that read zero.
+        gain: by name, the factor on what a sensor reads, 0 of a dead one; 1 where a
+            name is not there.
     """
 
     body: Bodies
@@ -52,7 +54,21 @@ class Plant:
     offset: Floats
     jam: Floats
     slope: Floats
-    dead: tuple[str, ...]
+    gain: Mapping[str, float]
+
+
+def check_can_walk(anatomy: Anatomy) -> None:
+    """Refuse a robot that no plant can be built of.
+
+    Raises:
+        InputError: it is bolted down, or its parts stand in another order.
+    """
+    if anatomy.fixed or not anatomy.ordered:
+        why = "is bolted down" if anatomy.fixed else "lists parts before parents"
+        raise InputError(
+            f"robot {anatomy.name!r} {why}; would fit: one with a free torso, its "
+            "actuators in the order of its parts, parents first"
+        )
 
 
 def build_rated_plant(body: Bodies) -> Plant:
@@ -61,12 +77,7 @@ def build_rated_plant(body: Bodies) -> Plant:
     Raises:
         InputError: it cannot walk, or its parts stand in another order.
     """
-    if body.anatomy.fixed or not body.anatomy.ordered:
-        why = "is bolted down" if body.anatomy.fixed else "lists parts before parents"
-        raise InputError(
-            f"robot {body.anatomy.name!r} {why}; would fit: one with a free torso, its "
-            "actuators in the order of its parts, parents first"
-        )
+    check_can_walk(body.anatomy)
     joints = body.anatomy.joints
     ends = np.array([_RANGE["knee" if "knee" in j else "hip"] for j in joints])
     zero = np.zeros(len(joints))
@@ -82,7 +93,7 @@ def build_rated_plant(body: Bodies) -> Plant:
         offset=zero,
         jam=zero + np.nan,
         slope=np.zeros(2),
-        dead=(),
+        gain={},
     )
 
 
@@ -104,11 +115,12 @@ def _compute_change(plant: Plant, damage: Damage) -> dict:
     anatomy, value, name = plant.body.anatomy, damage.value, damage.name
     if damage.kind in ("part_scale", "limb_loss"):
         part = anatomy.parts.index(name)
-        scale = np.ones((1, anatomy.size))
+        scale, least = np.ones((1, anatomy.size)), _LOST_SCALE / plant.body.thickness
         if damage.kind == "part_scale":
-            scale[0, part] = value
+            scale[0, part] = max(value, least[0, part])
         else:
-            scale[0, list_lost_parts(plant.body, part)] = _LOST_SCALE
+            lost = list_lost_parts(plant.body, part)
+            scale[0, lost] = least[0, lost]
         return {"body": scale_parts(plant.body, scale)}
     if damage.kind == "joint_jam":
         return {"jam": _replace_element(plant.jam, anatomy.joints.index(name), value)}
@@ -118,13 +130,49 @@ def _compute_change(plant: Plant, damage: Damage) -> dict:
         return {
             k: _replace_element(v, joint, v[joint] * value) for k, v in weaker.items()
         }
-    if damage.kind == "sensor_dead":
-        return {"dead": (*plant.dead, name)}
+    if damage.kind in ("sensor_dead", "weak_sensor"):
+        factor = plant.gain.get(name, 1.0) * value  # a dead one's value is 0
+        return {"gain": {**plant.gain, name: factor}}
     if damage.kind == "slope":
         return {"slope": np.array([value, damage.azimuth])}
     if damage.kind == "ground_friction":
         return {"physics": replace(plant.physics, friction=value)}
     return {}
+
+
+def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
+    """Targets of damages that can change nothing more after some damages.
+
+    Args:
+        body: whole, a batch of one.
+        damages: that happened to it.
+    """
+    gone, anatomy = set[str](), body.anatomy
+    for damage in damages:
+        if damage.kind == "limb_loss":
+            for k in list_lost_parts(body, anatomy.parts.index(damage.name)):
+                part, joint = anatomy.parts[k], anatomy.joints[k]
+                gone |= {f"body:{part}", f"sensor:{part}_touch", f"joint:{joint}"}
+                gone |= {f"actuator:{joint}_servo", f"sensor:{joint}_position"}
+        elif damage.kind == "joint_jam":
+            gone |= {damage.target, f"actuator:{damage.name}_servo"}
+        elif damage.kind == "sensor_dead":
+            gone.add(damage.target)
+    return gone
+
+
+def list_motions(plants: Sequence[Plant]) -> tuple[list[Plant], list[int]]:
+    """Plants (M) that move differently, and which of them each of N moves as.
+
+    Plants made from one by `apply_damages` share what no damage changed.
+    """
+    moving = [f.name for f in fields(Plant) if f.name != "gain"]
+    keys = [tuple(id(getattr(plant, name)) for name in moving) for plant in plants]
+    different = dict[tuple[int, ...], Plant]()
+    for key, plant in zip(keys, plants, strict=True):
+        different.setdefault(key, plant)
+    place = {key: k for k, key in enumerate(different)}
+    return list(different.values()), [place[key] for key in keys]
 
 
 def _replace_element(values: Floats, index: int, value: float) -> Floats:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats
+from ..body.body import BELLY_SENSOR, Anatomy, Floats
 from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
 from ..machine import count_cores
@@ -202,7 +202,7 @@ def list_channels(anatomy: Anatomy) -> Channels:
 
 
 def compute_channels(walks: Walks, plants: Sequence[Plant]) -> Floats:
-    """(N, S, C) the channels of walks: [deg], [mm], touch 0 or 1; dead ones are 0."""
+    """(N, S, C) the channels of walks: [deg], [mm], touch 0 or 1; as sensors read."""
     anatomy = plants[0].body.anatomy
     x, y = np.clip(walks.up[..., 0], -1, 1), np.clip(walks.up[..., 1], -1, 1)
     belly = anatomy.torso_half[2]
@@ -219,10 +219,34 @@ def compute_channels(walks: Walks, plants: Sequence[Plant]) -> Floats:
     )
     sensors = list_channels(anatomy).sensors
     for row, plant in enumerate(plants):
-        dead = [k for k, sensor in enumerate(sensors) if sensor in plant.dead]
-        out[row, :, dead] = 0.0
+        out[row] = read_by_gain(out[row], sensors, plant)
     out[walks.failed] = np.nan
     return out
+
+
+def read_by_gain(true: Floats, sensors: Sequence[str], plant: Plant) -> Floats:
+    """What the sensors of a plant read in place of what is true.
+
+    Args:
+        true: (..., M) values in the units of channels [deg, mm or 1].
+        sensors: (M) that each value comes from.
+        plant: has the sensors' gains.
+
+    Returns:
+        (..., M) values.
+    """
+    read, below = true.copy(), 1000 * BELLY_SENSOR
+    for k, sensor in enumerate(sensors):
+        gain, was = plant.gain.get(sensor, 1.0), true[..., k]
+        if gain == 1.0:
+            continue
+        if sensor == "vertical":
+            read[..., k] = np.degrees(np.arcsin(gain * np.sin(np.radians(was))))
+        elif sensor == "clearance":
+            read[..., k] = np.maximum(gain * (was + below) - below, 0)
+        else:
+            read[..., k] = gain * was
+    return read
 
 
 def compute_clearance(walks: Walks, belly: float) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.body import Floats
 from ..engine.plant import Plant
-from ..engine.walk import Walks, simulate_walks
+from ..engine.walk import SAMPLE, Walks, simulate_walks
 from .cma_es import CmaState, ask, start_search, tell
 from .pattern import SECONDS, find_pattern
 
@@ -20,6 +20,7 @@ _STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
 _RANDOM = 192  # gaits drawn before the searches start
 _CHILDREN, _STEP = 14, 0.4
 _AGAIN_STEP = 0.25  # of a search that starts from an old gait
+_ROWS = round(SECONDS / SAMPLE)
 _JUDGES = 16  # plants that the finished gait is predicted on
 # What may differ between the self-model and the robot, as wide as a careful builder
 # would grant: friction, mass, servo stiffness, strength, speed, delay, play, zero.
@@ -76,6 +77,26 @@ def project_on_heading(position: Floats, heading: float) -> tuple[Floats, Floats
     c, s = np.cos(heading), np.sin(heading)
     x, y = position[..., 0], position[..., 1]
     return c * x + s * y, c * y - s * x
+
+
+def measure_way(position: Floats, orientation: Floats, heading: float) -> float:
+    """Way of a walk along the heading, as the robot faces each `SECONDS` anew [m].
+
+    A gait has no compass: what curves a little in that time is far off its heading
+    after a few of them, and still carries the robot where it faces.
+
+    Args:
+        position: (S, 3) of the torso [m].
+        orientation: (S, 4) of the torso, quaternion.
+        heading: of the gait, from forward to the left [rad].
+    """
+    rows = [*range(0, len(position) - 1, _ROWS), len(position) - 1]
+    w, x, y, z = orientation[rows[:-1]].T
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
+    pieces = np.diff(position[rows], axis=0)
+    along = [project_on_heading(piece, heading + turn)[0]
+             for piece, turn in zip(pieces, yaw, strict=True)]  # fmt: skip
+    return float(np.sum(along))
 
 
 def compute_fitness(walks: Walks, heading: float) -> Floats:

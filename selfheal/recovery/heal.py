@@ -14,7 +14,7 @@ from ..engine.walk import list_channels
 from ..errors import RunFileError
 from ..gait.pattern import find_pattern
 from .phased_run import run_phases
-from .phases import HealPhases, Progress, RobotStates, read_damage
+from .phases import HealPhases, Past, Progress, RobotStates, read_damage
 from .probes import find_residual_scale, list_probes
 from .record import HealRun, HealSettings, read_gait
 
@@ -40,7 +40,7 @@ def heal_robot(
     """
     run = run or HealRun(settings)
     check_same_body(run, models)
-    work = HealPhases(robots, models, weights, settings, progress)
+    work = HealPhases(robots, models, weights, settings, progress, Past())
     ended = partial(_summarize_run, robot=robots.intact.name)
     return run_phases(run, work.run_next, ended)
 
@@ -98,8 +98,7 @@ def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
-    told = alarm and {"time": round(alarm["time"], 3), "sensor": alarm["sensor"],
-                      "p_value": alarm["p_value"]}  # fmt: skip
+    told = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
     shown = [{k: v for k, v in b.items() if k != "azimuth"}
              for b in p["verdict"]["believed"]]  # fmt: skip
     known = p["known"]["distance"]

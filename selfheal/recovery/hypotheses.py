@@ -1,6 +1,6 @@
 """Hypotheses: what may have happened to a robot, as a list that grows finer."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,34 +19,40 @@ _INTACT_PRIOR = 0.05
 # A value is not refined beyond this: 5 mm on the longest part, a degree; chosen
 _DEG = np.pi / 180
 _FINE = {"part_scale": 0.03, "joint_jam": _DEG, "weak_motor": 0.04, "slope": _DEG,
-         "ground_friction": 0.02}  # fmt: skip
+         "weak_sensor": 0.04, "ground_friction": 0.02}  # fmt: skip
 _FIRST = {"joint_jam": 8 * _DEG, "slope": 5 * _DEG}  # first steps
 _RANGES = {"part_scale": (0.05, 2.0), "joint_jam": (-96 * _DEG, 96 * _DEG),
-           "weak_motor": (0.05, 1.0), "slope": (0.0, 30 * _DEG),
-           "ground_friction": (0.02, 1.5)}  # fmt: skip
+           "weak_motor": (0.05, 1.0), "weak_sensor": (0.05, 1.0),
+           "slope": (0.0, 30 * _DEG), "ground_friction": (0.02, 1.5)}  # fmt: skip
 
 
-def list_damages(anatomy: Anatomy, angles: Floats) -> list[Damage]:
+def list_damages(
+    anatomy: Anatomy, angles: Floats, gone: Collection[str] = ()
+) -> list[Damage]:
     """Everything that may have happened, coarsely; nothing comes first.
 
     Args:
         anatomy: of the robot.
         angles: (P) of the joints when the alarm was raised [rad]: a jam may be there.
+        gone: targets to which nothing more can happen.
     """
+    sensors = [f"sensor:{name}" for name in list_sensors(anatomy)]
     parts = [f"body:{part}" for part in anatomy.parts]
     servos = [f"actuator:{joint}_servo" for joint in anatomy.joints]
     joints = [(f"joint:{joint}", float(angle))
               for joint, now in zip(anatomy.joints, angles, strict=True)
               for angle in (now, *_JAMS)]  # fmt: skip
-    return [
+    found = [
         INTACT,
         *(Damage("part_scale", part, s) for part in parts for s in _SCALES),
         *(Damage("limb_loss", part) for part in parts),
         *(Damage("joint_jam", joint, angle) for joint, angle in joints),
         *(Damage("weak_motor", servo, s) for servo in servos for s in STRENGTHS),
-        *(Damage("sensor_dead", f"sensor:{name}") for name in list_sensors(anatomy)),
+        *(Damage("sensor_dead", name) for name in sensors),
+        *(Damage("weak_sensor", name, s) for name in sensors for s in STRENGTHS),
         *list_ground_damages(),
     ]  # fmt: skip
+    return [damage for damage in found if damage.target not in gone]
 
 
 def list_ground_damages() -> list[Damage]:

@@ -110,6 +110,11 @@ class PhasedRun:
         """What a file holds of a phase."""
         raise NotImplementedError
 
+    @classmethod
+    def find_result(cls, settings: Any) -> type:
+        """What a file holds of the result of a run with these settings."""
+        return cls.RESULT
+
     def explain_misfit(self) -> str:
         """What does not fit together in a run that was read; "" if all of it does."""
         return ""
@@ -179,7 +184,7 @@ def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
         for damage in settings.damage:
             if wrong := explain_misfit(damage):
                 raise file.make_error("attribute settings.damage", f"of {wrong}")
-        result = file.read_document("result", kind.RESULT)
+        result = file.read_document("result", kind.find_result(settings))
         try:
             file.sizes.update(kind.measure_sizes(settings))
         except InputError as error:

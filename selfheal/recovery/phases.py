@@ -8,32 +8,49 @@ import numpy as np
 
 from ..body.body import Bodies, Floats
 from ..body.damage import INTACT, Damage
-from ..engine.plant import Plant, apply_damages, build_rated_plant
+from ..engine.plant import (
+    Plant,
+    apply_damages,
+    build_rated_plant,
+    list_gone_targets,
+)
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
+from ..errors import InputError
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import Gait, evaluate_gait, project_on_heading, synthesize_gait
+from ..gait.synthesis import (
+    Gait,
+    evaluate_gait,
+    measure_way,
+    project_on_heading,
+    synthesize_gait,
+)
 from ..recording import Recording
 from ..robot.base import Walker
+from ..robot.read_channels import read_channels, read_orientation, read_position
 from .hypotheses import list_damages
 from .monitor import learn_baseline, watch_walk
 from .phased_run import Phase
 from .plausible_plants import find_plausible_plants
 from .probes import list_probes
-from .read_channels import read_channels, read_orientation, read_position
 from .record import HealRun, HealSettings, read_gait, serialize_gait
 from .reidentify import DamagePosterior, TakenAction
 
 LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
-_MOST_WALKS = 3  # such walks until it is given up that something is wrong
+_MOST_WALKS = 3  # such walks until it is given up that something is wrong; chosen
 _MOST_HYPOTHESES, _LEAST_PROBABILITY = (
     4,
     0.05,
 )  # hypotheses that the new gait has to suit; chosen
+ROWS = round(SECONDS / SAMPLE)
+# Of the tenth percentile of the distance that is predicted, a robot that goes less has
+# another body than the gait was made for; chosen
+_FAR_ENOUGH = 0.5
 _MOST_SHOWN = 6  # hypotheses in the result
 _HARMLESS_KINDS = (
     "none",
     "sensor_dead",
+    "weak_sensor",
 )  # kinds after which the old gait is as good as ever
 
 Progress = Callable[[str, str, float], None]
@@ -41,25 +58,41 @@ Progress = Callable[[str, str, float], None]
 
 @dataclass(frozen=True)
 class RobotStates:
-    """The robot in its three lives.
+    """The robot before, while and after it breaks.
 
     Attributes:
-        intact: as built.
-        breaking: is damaged in the middle of each move.
-        damaged: damaged from the start.
+        intact: as it is while it learns how it walks.
+        watched: as it is from the start of each walk that is watched.
+        damaged: as it is after the alarm.
     """
 
     intact: Walker
-    breaking: Walker
+    watched: Sequence[Walker]
     damaged: Walker
 
 
 def make_robot_states(robot: Walker, settings: HealSettings) -> RobotStates:
     """The robot before, while and after the damage of some settings."""
-    damage = settings.damage
-    return RobotStates(
-        robot, robot.struck(damage, settings.onset), robot.struck(damage)
-    )
+    damaged = robot.struck(settings.damage)
+    breaking = robot.struck(settings.damage, settings.onset)
+    return RobotStates(robot, (breaking, *[damaged] * (_MOST_WALKS - 1)), damaged)
+
+
+@dataclass(frozen=True)
+class Past:
+    """What was before a heal that is not a robot's first.
+
+    Attributes:
+        believed: damages that were found.
+        time: when the watched walks begin [s].
+        trials: number of trials so far, at least.
+        first: the gait of the whole robot; None in a heal that stands alone.
+    """
+
+    believed: Sequence[Damage] = ()
+    time: float = 0.0
+    trials: int = 0
+    first: Gait | None = None
 
 
 class HealPhases:
@@ -72,10 +105,13 @@ class HealPhases:
         weights: Floats,
         settings: HealSettings,
         progress: Progress,
+        past: Past,
     ) -> None:
         """See `heal.heal_robot` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
-        self.plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
+        self.past, self.model = past, models[[0]]
+        rated = [build_rated_plant(models[[k]]) for k in range(len(models))]
+        self.plants = [apply_damages(plant, *past.believed) for plant in rated]
         self.weights = weights
         self.anatomy = models.anatomy
         self.channels = list_channels(self.anatomy)
@@ -105,8 +141,9 @@ class HealPhases:
         last = {
             "healed": self._make_healed_gait,
             "walked": self._walk_both_gaits,
-            "known": self._walk_informed_gait,
-        }
+            **({"first": self._walk_first_gait} if self.past.first
+               else {"known": self._walk_informed_gait}),
+        }  # fmt: skip
         for name, phase in last.items():
             if name not in done:
                 return name, phase(done)
@@ -138,7 +175,8 @@ class HealPhases:
         self, robot: Walker, gait: Gait, seconds: float, trial: int
     ) -> Recording:
         """A gait on the robot: its recording."""
-        return robot.move(gait.commands(self.anatomy.size, seconds), trial=trial)
+        commands = gait.commands(self.anatomy.size, seconds)
+        return robot.move(commands, trial=self.past.trials + trial)
 
     def _extract_path(self, recording: Recording) -> dict[str, Floats]:
         """Where the torso was: position (S, 3) [m], orientation (S, 4), and joints."""
@@ -152,7 +190,7 @@ class HealPhases:
 
     def _measure_distance(self, path: Floats) -> float:
         """Way along the heading after `SECONDS` [m]."""
-        last = path[round(SECONDS / SAMPLE) - 1]
+        last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
     def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
@@ -161,7 +199,15 @@ class HealPhases:
         self.progress("whole", "walking", 0.0)
         walked = self._walk_robot(self.robots.intact, gait, LEARNING_TIME, 0)
         path = self._extract_path(walked)
-        return {**path, "distance": self._measure_distance(path["position"]),
+        distance = self._measure_distance(path["position"])
+        if not self.past.believed and distance < _FAR_ENOUGH * gait.low:
+            raise InputError(
+                f"robot {self.anatomy.name!r} went {distance:.2f} m in 10 s where its "
+                f"self-model predicts {gait.predicted:.2f} m ({gait.low:.2f} to "
+                f"{gait.high:.2f}): it has another body, so that no damage could be "
+                "told; would fit: a run of identify with more cycles, or more sensors"
+            )
+        return {**path, "distance": distance,
                 "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
@@ -177,23 +223,27 @@ class HealPhases:
         predicted = self._predict_channels(gait, WATCHING_TIME)
         felt = done["whole"]["felt"]
         known = learn_baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
-        for shift in range(_MOST_WALKS):
-            self.progress("alarm", "walking and watching", shift / _MOST_WALKS)
-            robot = self.robots.damaged if shift else self.robots.breaking
+        ways: list[float] = []
+        for shift, robot in enumerate(self.robots.watched):
+            share = shift / len(self.robots.watched)
+            self.progress("alarm", "walking and watching", share)
             walked = self._walk_robot(robot, gait, WATCHING_TIME, 1 + shift)
             now = read_channels(walked, self.anatomy)[1]
             seen = watch_walk(now, predicted, known, self.channels)
+            end = round(seen.alarm.time / SAMPLE) if seen.alarm else len(now)
+            path = read_position(walked)[:end], read_orientation(walked)[:end]
+            ways.append(measure_way(*path, self.settings.heading))
             if seen.alarm:
                 break
-        before = shift * WATCHING_TIME
-        alarm, end = None, len(now)
+        before, alarm = self.past.time + shift * WATCHING_TIME, None
         if seen.alarm:
-            end = round(seen.alarm.time / SAMPLE)
-            late = {k: getattr(seen.alarm, k) + before for k in ("time", "since")}
+            late = {k: round(getattr(seen.alarm, k) + before, 3)
+                    for k in ("time", "since")}  # fmt: skip
             alarm = {**asdict(seen.alarm), **late}
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
         return {
             "alarm": alarm,
+            "ways": ways,
             "angles": np.radians(angles),
             "time": seen.time + before,
             "sums": seen.sums,
@@ -205,7 +255,8 @@ class HealPhases:
         if self.posterior is None:
             gait = read_gait(run.phases["gait"])
             actions = list_probes(gait, self.anatomy.joints)
-            guesses = list_damages(self.anatomy, run.phases["alarm"]["angles"])
+            gone = list_gone_targets(self.model, self.past.believed)
+            guesses = list_damages(self.anatomy, run.phases["alarm"]["angles"], gone)
             walk, whole = actions[-1], run.phases["whole"]["felt"]
             rng = np.random.default_rng([self.settings.seed, 21])
             known = find_plausible_plants(self.plants[0], walk, whole, rng)
@@ -227,7 +278,8 @@ class HealPhases:
         probe, left = chosen
         action = doubt.probes[probe]
         self.progress("ask", action.description, (k + 1) / (k + 3))
-        walked = self.robots.damaged.move(action.commands, trial=100 + k)
+        trial = self.past.trials + 100 + k
+        walked = self.robots.damaged.move(action.commands, trial=trial)
         doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
         return {"probe": probe, "why": action.description, "expected": left,
                 "values": doubt.taken[-1].measured,
@@ -297,6 +349,13 @@ class HealPhases:
             found |= {f"{what}_{k}": v for k, v in path.items()}
             found[what] = self._measure_distance(path["position"])
         return found
+
+    def _walk_first_gait(self, done: Mapping[str, Phase]) -> Phase:
+        """For the report alone: the whole robot's gait on what the robot is now."""
+        assert self.past.first is not None
+        walked = self._walk_robot(self.robots.damaged, self.past.first, SECONDS, 203)
+        path = self._extract_path(walked)
+        return {**path, "distance": self._measure_distance(path["position"])}
 
     def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
         """For the report alone: a gait for the true damaged body, walked."""

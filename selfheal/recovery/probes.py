@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.body import Floats, concatenate_bodies
 from ..body.damage import Damage
-from ..engine.plant import Plant, apply_damages
+from ..engine.plant import Plant, apply_damages, list_motions
 from ..engine.statics import Statics
 from ..engine.walk import (
     PERIOD,
@@ -15,6 +15,7 @@ from ..engine.walk import (
     Channels,
     compute_channels,
     list_channels,
+    read_by_gain,
     simulate_walks,
 )
 from ..gait.synthesis import Gait
@@ -127,12 +128,17 @@ def predict_values(plants: Sequence[Plant], probe: Probe, bias: Floats) -> Float
         probe: the action.
         bias: (M) by which the whole robot was off what is predicted of it.
     """
-    commands = np.repeat(probe.commands[None], len(plants), axis=0)
-    seen = compute_channels(simulate_walks(plants, commands), plants)
-    sources = _list_sources(probe, list_channels(plants[0].body.anatomy))
-    alive = np.array([[s not in p.dead for s in sources] for p in plants])
-    names = list_channels(plants[0].body.anatomy).names
-    return extract_values(probe, seen, names) + bias * alive
+    channels = list_channels(plants[0].body.anatomy)
+    moving, rows = list_motions(plants)
+    commands = np.repeat(probe.commands[None], len(moving), axis=0)
+    seen = compute_channels(simulate_walks(moving, commands)[rows], plants)
+    gain = _list_gains(plants, _list_sources(probe, channels))
+    return extract_values(probe, seen, channels.names) + bias * gain
+
+
+def _list_gains(plants: Sequence[Plant], sensors: Sequence[str]) -> Floats:
+    """(H, M) the factor [1] on what each sensor (M) of each plant reads."""
+    return np.array([[p.gain.get(s, 1.0) for s in sensors] for p in plants])
 
 
 def _list_sources(probe: Probe, channels: Channels) -> list[str]:
@@ -180,7 +186,7 @@ def approximate_values(plants: Sequence[Plant], probe: Probe) -> Floats:
     out = np.column_stack([np.degrees(early), rest])
     sensors = _list_sources(probe, names)
     for row, plant in enumerate(plants):
-        out[row, [k for k, s in enumerate(sensors) if s in plant.dead]] = 0.0
+        out[row] = read_by_gain(out[row], sensors, plant)
     return out
 
 
@@ -207,14 +213,11 @@ def compute_slopes(plants: Sequence[Plant], probe: Probe) -> Floats:
         rate = (high - low) / (2 * NUDGE)
         rate[(np.abs(rate[:, :2]) > EDGE_SLOPE).any(axis=1)] = 0.0
         out[:, joints : joints + 3, j] = rate
-        angle = f"{plants[0].body.anatomy.joints[j]}_position"
-        whole = [angle not in p.dead for p in plants]
-        out[:, j, j] = out[:, joints + 3 + j, j] = jam[:, j] & np.array(whole)
+        gain = _list_gains(plants, [f"{plants[0].body.anatomy.joints[j]}_position"])
+        out[:, j, j] = out[:, joints + 3 + j, j] = jam[:, j] * gain[:, 0]
     early = approximate_values(plants, probe)[:, :joints]
     out[:, :joints, joints] = early * np.isnan(np.stack([p.jam for p in plants]))
     out[:, :joints, joints] *= _SPEED_DEVIATION / DRIFT
-    dead = [[k for k, s in enumerate(("vertical", "vertical", "clearance"))
-             if s in p.dead] for p in plants]  # fmt: skip
-    for row, gone in enumerate(dead):
-        out[row, [joints + k for k in gone]] = 0.0
+    gain = _list_gains(plants, ("vertical", "vertical", "clearance"))
+    out[:, joints : joints + 3] *= gain[..., None]
     return out

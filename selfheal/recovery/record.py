@@ -1,13 +1,13 @@
 """Heals as records: what was asked, the phases so far, the gaits in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from ..body.damage import Damage
+from ..body.damage import Damage, Strike
 from ..gait.synthesis import Gait
 from ..schema import ArraySchema, Count, Finite, Number, Probability
 from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
@@ -24,14 +24,24 @@ class HealSettings:
         gait: name of the gaits' pattern.
         heading: direction to walk [rad].
         seed: of everything random.
+        hours: that it walks, healing as often as it breaks; 0 = it breaks once.
+        onsets: when each damage of these hours happens [s]; none otherwise.
     """
 
     run: str
     damage: tuple[Damage, ...]
-    onset: Finite
+    onset: Finite = 0.0
     gait: str = "waves"
     heading: Finite = 0.0
     seed: Count = 0
+    hours: Finite = 0.0
+    onsets: tuple[Finite, ...] = ()
+
+    @property
+    def strikes(self) -> list[Strike]:
+        """What happens in its hours."""
+        pairs = zip(self.onsets, self.damage, strict=True)
+        return [Strike(time, damage) for time, damage in pairs]
 
 
 @dataclass(frozen=True)
@@ -123,6 +133,64 @@ class HealResult:
 
 
 @dataclass(frozen=True)
+class HoursEvent:
+    """A damage, the alarm after it, or both, as the result of hours has it.
+
+    Attributes:
+        time: of the damage; of an alarm that none came before, its own [s].
+        damage: None where the alarm is a false one.
+        alarm: None where none came before the next damage.
+        delay: from the damage to the alarm [s].
+        believed: what it was taken for.
+        right: whether kind and target are the true ones.
+        actions: taken to find that.
+        before: speed along the heading before the damage [m/min], and
+        damaged: after it,
+        healed: with the gait found for it,
+        first: and with the whole robot's gait.
+    """
+
+    time: Finite
+    damage: KeptDamage | None
+    alarm: KeptAlarm | None
+    delay: Finite | None
+    believed: Belief | None
+    right: bool
+    actions: Count
+    before: Number | None
+    damaged: Number | None
+    healed: Number | None
+    first: Number | None
+
+
+@dataclass(frozen=True)
+class HoursResult:
+    """What `heal --hours --json` prints, as the schema of such a result.
+
+    Attributes:
+        robot: its name.
+        hours: that it walked, alarms and all [h].
+        intact: speed when whole [m/min].
+        distance: walked, see `gait.synthesis.measure_way` [m].
+        kept: share of what a robot that stays whole would have walked [1].
+        kept_first: the same had it kept its first gait, by a walk after each alarm [1].
+        events: in order of time.
+        false_alarms: how many of them.
+        seconds: that it took [s].
+    """
+
+    robot: str
+    hours: Number
+    intact: Number
+    distance: Number
+    kept: Number
+    kept_first: Number
+    events: list[HoursEvent]
+    false_alarms: Count
+    seconds: Number
+
+
+@dataclass(frozen=True)
 class _MadeGait(Timed):
     gait: KeptGait
 
@@ -141,6 +209,7 @@ class _IntactWalk(Timed):
 class _Alarm(Timed):
     alarm: KeptAlarm | None
     threshold: Annotated[float, Field(gt=0, le=1e6)]
+    ways: list[Number] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -179,6 +248,7 @@ def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
 
 _FELT = ArraySchema(("whole rows", "C"), has_gaps=True)
 _FIRST, _LAST = ("gait", "whole", "alarm"), ("healed", "walked", "known")
+_ROUND = " of "  # between a phase's name and the number of its heal, in hours of them
 # P joints, C channels; a walk has as many rows as samples
 _SCHEMAS = {
     "gait": PhaseSchema(_MadeGait),
@@ -202,12 +272,13 @@ _SCHEMAS = {
         _list_path_arrays("rows", "damaged_") | _list_path_arrays("rows", "healed_"),
     ),
     "known": PhaseSchema(_InformedWalk),
+    "first": PhaseSchema(_IntactWalk, _list_path_arrays("rows")),
 }
 
 
 @dataclass(frozen=True, repr=False)
 class HealRun(PhasedRun):
-    """A heal, finished or not."""
+    """A heal, or hours of walking with one after the other; finished or not."""
 
     WHAT: ClassVar[str] = "heal's file"
     FORMAT: ClassVar[str] = "selfheal-heal-run"
@@ -222,9 +293,28 @@ class HealRun(PhasedRun):
         """The actions taken after the alarm."""
         return [p for name, p in self.phases.items() if name.startswith("ask")]
 
+    @property
+    def heals(self) -> "list[HealRun]":
+        """The heals of its hours, each with its own phases; the last one goes on."""
+        settings = replace(self.settings, hours=0.0, onsets=())
+        heals = [HealRun(settings, {})]
+        for name, phase in self.phases.items():
+            own, _, number = name.partition(_ROUND)
+            if int(number or 1) > len(heals):
+                heals.append(HealRun(settings, {"gait": heals[-1].phases["healed"]}))
+            heals[-1] = replace(heals[-1], phases={**heals[-1].phases, own: phase})
+        return heals
+
+    @staticmethod
+    def name_phase(name: str, heal: int) -> str:
+        """The name that a phase of a heal, the first is 1, has among those of hours."""
+        return name if name == "gait" else f"{name}{_ROUND}{heal}"
+
     @staticmethod
     def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
         """Names of the phases one of which comes next; none at the end."""
+        if settings.hours:
+            return _list_next_of_hours(settings, done)
         if len(done) < len(_FIRST):
             return _FIRST[len(done) :][:1]
         if "verdict" not in done:
@@ -234,10 +324,25 @@ class HealRun(PhasedRun):
     @staticmethod
     def find_schema(settings: Any, name: str) -> PhaseSchema:
         """What a file holds of a phase."""
-        return _SCHEMAS[name.partition("-")[0]]
+        return _SCHEMAS[name.partition(_ROUND)[0].partition("-")[0]]
+
+    @classmethod
+    def find_result(cls, settings: Any) -> type:
+        """What a file holds of the result."""
+        return HoursResult if settings.hours else HealResult
 
     def explain_misfit(self) -> str:
         """What does not fit together; a result needs all phases."""
+        if len(self.settings.onsets) != len(self.settings.damage) * bool(
+            self.settings.hours
+        ):
+            return "the settings have not as many onsets as damages"
+        if self.settings.hours:
+            raised = [heal.phases.get("alarm", {}).get("alarm") for heal in self.heals]
+            told = [event["alarm"] for event in self.result.get("events", ())]
+            if self.result and sum(map(bool, raised)) != sum(map(bool, told)):
+                return "the result and the phases differ in how many alarms there were"
+            return ""
         left = self.list_next_phases(self.settings, tuple(self.phases))
         if self.result and left:
             return f"there is a result, but no phase {' or '.join(left)}"
@@ -246,6 +351,20 @@ class HealRun(PhasedRun):
             if raised[0] != raised[1]:
                 return "the result and the phase alarm differ in whether one was raised"
         return ""
+
+
+def _list_next_of_hours(settings: Any, done: Sequence[str]) -> Sequence[str]:
+    """Names of the phases of hours one of which comes next."""
+    last = done[-1] if done else ""
+    heal = int(last.partition(_ROUND)[2] or 1)
+    own = [name.partition(_ROUND)[0] for name in done
+           if name == "gait" or name.endswith(f"{_ROUND}{heal}")]  # fmt: skip
+    single = replace(settings, hours=0.0, onsets=())
+    left = ["first" if name == "known" else name
+            for name in HealRun.list_next_phases(single, own)]  # fmt: skip
+    if not left:
+        left, heal = ["whole"], heal + 1
+    return [HealRun.name_phase(name, heal) for name in left]
 
 
 def serialize_gait(gait: Gait) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies
 from ..gait.synthesis import Progress, project_on_heading, synthesize_gait, walk_gait
 from ..robot.base import Walker
+from ..robot.read_channels import read_position
 from ..selfmodel.run import Run
-from .read_channels import read_position
 
 
 def walk_trial(

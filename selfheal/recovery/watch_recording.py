@@ -16,6 +16,7 @@ from ..engine.walk import (
 )
 from ..errors import InputError
 from ..recording import Episode, Recording, find_single_columns
+from ..robot.read_channels import read_channels
 from .monitor import (
     QUARTERS,
     Alarm,
@@ -25,7 +26,6 @@ from .monitor import (
     watch_walk,
 )
 from .probes import REST_SCALES, Probe, approximate_values, classify_channels
-from .read_channels import read_channels
 
 _LEAST = 3  # cycles to learn from, at least
 _PRESENT = 0.5  # share of a signal's samples without which it is not looked at; chosen

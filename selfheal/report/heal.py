@@ -65,9 +65,9 @@ def _write_lead(run: HealRun) -> str:
     if alarm is None:
         return f"What happened ({happened}) did not change the walk: no alarm."
     asked = run.result["actions"]
+    noticed = describe_alarm(alarm, run.settings.onset)
     return (
-        f"What happened: {happened}. The robot noticed {_describe_delay(run)}, and "
-        f"after {asked} "
+        f"What happened: {happened}. The robot raised an {noticed}, and after {asked} "
         f"action{'s' * (asked != 1)} said: {read_damage(best)} "
         f"({100 * best['probability']:.0f} % sure). It walked "
         f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with "
@@ -75,13 +75,20 @@ def _write_lead(run: HealRun) -> str:
     )
 
 
-def _describe_delay(run: HealRun) -> str:
-    """How long after the damage the alarm came."""
-    late = run.phases["alarm"]["alarm"]["time"] - run.settings.onset
+def describe_alarm(alarm: Mapping[str, Any], onset: float | None) -> str:
+    """When an alarm came, by which sensor, and how long after the damage.
+
+    Args:
+        alarm: of a phase or a result; both have the same time.
+        onset: of the damage [s]; None where that is told elsewhere.
+    """
+    said = f"alarm at {alarm['time']:.1f} s by {alarm['sensor'].replace('_', ' ')}"
+    if onset is None:
+        return said
+    late = alarm["time"] - onset
     if late < 0:
-        return "something before anything had happened (a false alarm)"
-    cycles = late / read_gait(run.phases["gait"]).cycle
-    return f"it after {late:.1f} s ({cycles:.1f} cycles of the gait)"
+        return f"{said}, before anything had happened (a false alarm)"
+    return f"{said}, {late:.1f} s after it broke"
 
 
 def _list_lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
@@ -193,8 +200,8 @@ def _make_alarm_section(run: HealRun) -> Section:
     ax.set_ylabel("misfit [nats]")
     ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
     words = "No sum passed the threshold." if not alarm else (
-        f"Alarm at {alarm['time']:.1f} s, by {alarm['sensor']}; a whole robot would "
-        f"raise one as clear by then with a chance of {alarm['p_value']:.1g}."
+        f"There was an {describe_alarm(alarm, run.settings.onset)}; a whole robot "
+        f"would raise one as clear by then with a chance of {alarm['p_value']:.1g}."
     )  # fmt: skip
     caption = (
         "How badly sensing fits what is predicted, summed up over time (CUSUM). The "

@@ -36,13 +36,7 @@ class Robot(Protocol):
 
 
 class Walker(Robot, Protocol):
-    """A robot that can also follow commands over time, and be damaged on purpose.
-
-    Attributes:
-        damage: what happens to it, for reports; nobody who identifies it may look.
-    """
-
-    damage: tuple[Damage, ...]
+    """A robot that can also follow commands over time, and be damaged on purpose."""
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
         """Follow joint commands from rest at zero on the spot, and sense meanwhile.
@@ -59,7 +53,10 @@ class Walker(Robot, Protocol):
         ...
 
     def struck(self, damage: tuple[Damage, ...], onset: float = 0.0) -> "Walker":
-        """This robot with a damage that sets in at `onset` [s] into each move."""
+        """This robot with one damage more that sets in at `onset` [s] into each move.
+
+        A robot that was struck already keeps what happened to it before.
+        """
         ...
 
 
@@ -67,12 +64,15 @@ def require_walker(robot: Robot) -> Walker:
     """The robot, if it can walk.
 
     Raises:
-        InputError: it only answers with readings.
+        InputError: it only answers with readings, or is built so that it cannot.
     """
+    from ..engine.plant import check_can_walk
+
     if not hasattr(robot, "move"):
         raise InputError(
             f"robot {robot.name!r} cannot walk: it answers from a recording"
         )
+    check_can_walk(robot.anatomy)
     return cast(Walker, robot)
 
 

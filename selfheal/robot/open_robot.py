@@ -23,6 +23,13 @@ def is_described(name: str) -> bool:
     return name.endswith((".toml", ".xml"))
 
 
+def name_robot(robot: Robot) -> str:
+    """A robot's name as one that a folder can have."""
+    if is_described(robot.name):
+        return robot.anatomy.name
+    return robot.name.replace(":", "-")
+
+
 def open_robot(name: str, *, seed: int = 0, recordings: Path | None = None) -> Robot:
     """The robot of a name.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
-from ..body.damage import Damage
+from ..body.damage import Damage, Strike
 from ..body.genome import build_bodies, draw_genomes
 from ..engine.channels import list_channels, parse_sensor
 from ..engine.readings import Readings
@@ -30,16 +30,14 @@ class SimulatedRobot:
 
     Attributes:
         seed: of its noise and of its hidden physics.
-        damage: what happens to it when it moves.
-        onset: when it happens in each move [s]; 0 = it has happened.
+        strikes: what happens to it in each move, and when [s]; at 0 it has happened.
         offers: (A, P) joint targets that it offers [rad]; None = those of 2006.
     """
 
     name: str
     truth: Bodies
     seed: int
-    damage: tuple[Damage, ...] = ()
-    onset: float = 0.0
+    strikes: tuple[Strike, ...] = ()
     offers: Floats | None = None
 
     @property
@@ -110,15 +108,15 @@ class SimulatedRobot:
         rng = np.random.default_rng([self.seed, 4])
         hidden = draw_hidden_plant(physics, body, offset, rng)
         noise = np.random.default_rng([self.seed, 5, trial])
-        return simulate_move(
-            hidden, commands, self.damage, self.onset, noise, self.name
-        )
+        return simulate_move(hidden, commands, self.strikes, noise, self.name)
 
     def struck(
         self, damage: tuple[Damage, ...], onset: float = 0.0
     ) -> "SimulatedRobot":
-        """This robot with a damage that sets in at `onset` [s] into each move."""
-        return replace(self, damage=damage, onset=onset)
+        """This robot with one damage more, at `onset` [s]; see `base.Walker`."""
+        new = tuple(Strike(onset, each) for each in damage)
+        strikes = sorted((*self.strikes, *new), key=lambda strike: strike.time)
+        return replace(self, strikes=tuple(strikes))
 
     def _draw_hidden_physics(self, rng: np.random.Generator) -> tuple:
         """Physics, body and servo offsets (P) that differ from the self-model's."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import BELLY_SENSOR, Bodies, Floats
-from ..body.damage import Damage
+from ..body.damage import Strike
 from ..body.mjcf import Physics
 from ..engine.channels import TOUCH_HEIGHT
 from ..engine.plant import Plant, apply_damages, build_rated_plant
@@ -55,32 +55,33 @@ def draw_hidden_plant(
 def simulate_move(
     plant: Plant,
     commands: Floats,
-    damage: tuple[Damage, ...],
-    onset: float,
+    strikes: tuple[Strike, ...],
     rng: np.random.Generator,
     name: str,
 ) -> Recording:
     """The recording of a move of a robot that may break in it; see `base.Walker.move`.
 
     Args:
-        plant: behind the robot before the damage.
+        plant: behind the robot before any damage.
         commands: (T, P) joint commands [rad].
-        damage: what happens.
-        onset: when it happens [s].
+        strikes: what happens in the move, in order of time.
         rng: of wobble and sensor noise.
         name: of the robot.
     """
     sent = commands + _draw_wobble(commands.shape, rng)
-    after = apply_damages(plant, *damage)
     every = round(SAMPLE / PERIOD)
-    switch = min(round(onset / SAMPLE) * every, len(commands))
     pieces: list[tuple[Plant, Walks]] = []
-    start = None
-    for one, part in ((plant, sent[:switch]), (after, sent[switch:])):
+    start, begun, now = None, 0, plant
+    for strike in (*strikes, None):
+        due = round(strike.time / SAMPLE) * every if strike else len(sent)
+        part = sent[begun : min(due, len(sent))]
         if len(part):
-            walks = simulate_walks([one], part[None], start)
+            walks = simulate_walks([now], part[None], start)
             start = (walks.state, walks.set_point)
-            pieces.append((one, walks))
+            pieces.append((now, walks))
+            begun += len(part)
+        if strike:
+            now = apply_damages(now, strike.damage)
     signals = [_make_signals(one, walks[0], rng) for one, walks in pieces]
     joined = {
         key: replace(signal, values=np.concatenate([s[key].values for s in signals]))
@@ -131,9 +132,9 @@ def _make_signals(
         part = anatomy.parts[foot - 1]
         touch = (tip < TOUCH_HEIGHT).astype(float)
         values[f"{part}_touch"] = (touch, "sensor", f"{part}_touch", "1")
-    for sensor in plant.dead:
-        dead, *rest = values[sensor]
-        values[sensor] = (0 * dead, *rest)  # type: ignore[assignment]
+    for sensor, gain in plant.gain.items():
+        true, *rest = values[sensor]
+        values[sensor] = (gain * true, *rest)  # type: ignore[assignment]
     seen = _add_noise(walk.position, _PLACE, rng)
     values["torso_position"] = (seen, "body_position", "torso", "m")
     turn = walk.orientation

@@ -13,10 +13,10 @@ ANATOMY = BODY.anatomy
 def test_every_kind_can_be_said():
     said = (
         "right_lower:0.1, loss:left_upper, jam:left_hip:20, weak:back_knee:0.4, "
-        "dead:clearance, slope:8:90, friction:0.2"
+        "dead:clearance, lie:vertical:0.7, slope:8:90, friction:0.2"
     )
     kinds = [damage.kind for damage in parse_damages(said, ANATOMY)]
-    legged = {"weak_sensor", "neuron_dead", "wind"}  # struck by `robot.scenarios`
+    legged = {"neuron_dead", "wind"}  # struck by `robot.scenarios`
     assert sorted(kinds) == sorted(set(KINDS) - {"none"} - legged)
 
 

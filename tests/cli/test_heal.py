@@ -32,6 +32,24 @@ def test_on_the_command_line_a_dead_sensor_leaves_the_gait_alone(tmp_path):
     assert json.loads(again.stdout) == result
 
 
+def test_hours_on_the_command_line(tmp_path):
+    path, _ = identified(tmp_path)
+    out = tmp_path / "h"
+    words = "heal", path, "--hours", 0.04, "--out", out
+    made = _run(*words)
+    assert made.exit_code == 0, made.output
+    again = _run("heal", "--resume", out / "heal.h5", "--json")
+    result = json.loads(again.stdout)
+    (event,) = (e for e in result["events"] if e["damage"])
+    page = (out / "report.html").read_text()
+    for alarm in filter(None, (e["alarm"] for e in result["events"])):
+        said = f"{alarm['time']:.1f} s"
+        assert f"alarm at {said}" in made.stderr
+        assert f"alarm: {said}" in made.stdout.replace("\n  ", " ")
+        assert f">{said}<" in page
+    assert 70 <= event["time"] < 3600 * 0.04
+
+
 def test_gait_on_the_command_line(tmp_path):
     path, _ = identified(tmp_path)
     made = _run("gait", path, "--heading", 90, "--json")
@@ -47,6 +65,8 @@ def test_gait_on_the_command_line(tmp_path):
     [
         (("heal",), "--resume HEAL.h5"),
         (("heal", "{run}"), "--damage"),
+        (("heal", "{run}", "--damage", "loss:left_upper", "--hours", 1), "either"),
+        (("heal", "{run}", "--hours", 0.01), "0.031"),
         (("heal", "{run}", "--damage", "loss:tail"), "left_upper"),
         (("heal", "{run}", "--damage", "loss:left_upper", "--gait", "trot"), "waves"),
         (("heal", "--resume", "{run}"), "not a heal's file"),
@@ -59,7 +79,7 @@ def test_gait_on_the_command_line(tmp_path):
 )
 def test_what_makes_no_sense_is_refused(words, said, tmp_path):
     path, _ = identified(tmp_path)
-    made = _run(*(word.format(run=path) for word in words))
+    made = _run(*(str(word).format(run=path) for word in words))
     assert made.exit_code == 2
     assert said in made.stderr and "Traceback" not in made.stderr
 

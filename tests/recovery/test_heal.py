@@ -91,7 +91,9 @@ def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
     monkeypatch.setattr(phases, "synthesize_gait", lambda *a, **k: new)
     settings = HealSettings("", parse_damages("friction:0.8", BODY.anatomy), 12.0)
     robots = make_robot_states(robot(), settings)
-    work = phases.HealPhases(robots, BODY, np.ones(1), settings, lambda *told: None)
+    work = phases.HealPhases(
+        robots, BODY, np.ones(1), settings, lambda *told: None, phases.Past()
+    )
     assert work._choose_gait("healed", work.plants, [1.0], old).genes is good.genes
 
 

@@ -249,6 +249,36 @@ def test_a_robot_breaks_in_the_middle_of_a_move():
     assert np.all(broken[20:] == 0) and np.any(whole[20:] != 0)
 
 
+@pytest.mark.parametrize("sensor", ["vertical", "clearance", "left_hip_position"])
+def test_a_sensor_that_lies_reads_a_share_of_what_is_true(sensor):
+    robot = require_walker(open_robot("starfish", seed=3))
+    lying = robot.struck(parse_damages(f"lie:{sensor}:0.3", robot.anatomy))
+    true, read = (
+        _moved(r).episodes["move"].signals[sensor].values for r in (robot, lying)
+    )
+    assert read == pytest.approx(0.3 * true, abs=1e-12)
+
+
+def test_damages_add_up_in_whatever_order_a_robot_is_struck():
+    robot = require_walker(open_robot("starfish", seed=3))
+    short, dead = (
+        parse_damages(said, robot.anatomy)
+        for said in ("left_lower:0.3", "dead:clearance")
+    )
+    struck = (
+        robot.struck(dead, 1.0).struck(short),
+        robot.struck(short).struck(dead, 1.0),
+    )
+    signals = [_moved(r).episodes["move"].signals for r in struck]
+    for name, signal in signals[0].items():
+        assert np.array_equal(signal.values, signals[1][name].values)
+    assert np.any(signals[0]["clearance"].values[:20] > 0)
+    assert np.all(signals[0]["clearance"].values[20:] == 0)
+    whole = _moved(robot).episodes["move"].signals["torso_orientation"].values
+    turned = signals[0]["torso_orientation"].values - whole
+    assert np.abs(turned[:20]).max() > 1e-4
+
+
 def test_a_shorter_leg_moves_otherwise_only_after_it_broke():
     robot = require_walker(open_robot("starfish", seed=3))
     short = robot.struck(parse_damages("left_lower:0.3", robot.anatomy), 1.0)

@@ -11,7 +11,8 @@ from selfheal.gait import synthesis
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import Recording
 from selfheal.recovery import hypotheses, plausible_plants
-from selfheal.report import heal as report_page
+from selfheal.report import heal as heal_page
+from selfheal.report import hours as hours_page
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.base import Walker, require_walker
 from selfheal.robot.open_robot import open_robot
@@ -47,7 +48,8 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
         patch(hypotheses, name, np.zeros(1))
     for name in ("STRENGTHS", "_FRICTIONS"):
         patch(hypotheses, name, (0.3,))
-    patch(report_page, "make_film", lambda *args, **more: "")
+    for page in (heal_page, hours_page):
+        patch(page, "make_film", lambda *args, **more: "")
 
 
 def robot() -> Walker:
