@@ -58,11 +58,13 @@ def plan_excitation(
         return Excitation(_place(waves, low, high), True)
     ways = []
     for bottom, top in _list_swings(body, low, high):
-        commands = _place(waves[:1], bottom, top)  # of the largest swing
-        touched, tilt = measure_support(body, commands[0, ::_HELD], SAMPLE)
-        is_held = touched == 0 and tilt < STILL
-        size = float((top - bottom).sum())
-        ways.append((is_held, -touched * (not is_held), size, bottom, top))
+        touched, is_held = 0, True
+        for commands in _place(waves, bottom, top)[:, ::_HELD]:
+            more, tilt = measure_support(body, commands, SAMPLE)
+            touched, is_held = touched + more, more == 0 and tilt < STILL
+            if not is_held:
+                break
+        ways.append((is_held, -touched, float((top - bottom).sum()), bottom, top))
     is_held, _, _, bottom, top = max(ways, key=lambda way: way[:3])
     return Excitation(_place(waves, bottom, top), is_held)
 
