@@ -22,7 +22,7 @@ _SERVOS = (
 _WALKS = (
     "A gait of 10 s on the floor, made on the rated plant as `heal` makes it: the way "
     "walked [m], and what is said of it by the median over what the robot may be (as "
-    "`heal` says now), by the rated plant, by that with rate, delay and zeros as found, "
+    "`heal` says now), by the rated plant, by that with servos as found, "
     "by best.xml, and by best.xml with all that was found (`selfheal replay --model`)."
 )
 _JOINTS = "Joint angles in that walk: root mean square error of the same models [deg]."
