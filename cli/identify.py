@@ -72,29 +72,31 @@ def identify(
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
     with ProgressBar("starting", as_json=as_json, asked=progress) as live:
-        show, stages = _CycleProgress(live), DiagnosisProgress(live)
+        show = _CycleProgress(live)
+        told: dict[str, Any] = {"progress": show, "on_step": show.show_cycle,
+                                "on_stage": DiagnosisProgress(live)}  # fmt: skip
         if resume is not None:
             refuse_settings(context)
-            run = run_identify(
-                resume=resume, progress=show, on_step=show.show_cycle, on_stage=stages
-            )
+            run = run_identify(resume=resume, **told)
         else:
             run = run_identify(
                 robot, recordings=recordings, method=method, space=space,
                 known_lengths=known_lengths, random_actions=random_actions,
                 engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
-                out=RunFolder(out, force), force=force,
-                progress=show, on_step=show.show_cycle, on_stage=stages,
+                out=RunFolder(out, force), force=force, **told,
             )  # fmt: skip
     if as_json:
         print_json(run.result)
     else:
-        path = resume or Path(run.result["run"])
-        model = Path(run.result["model"])
-        files = [path, model, path.with_name("report.html")]
-        if found := run.result.get("dynamics"):
-            files += [Path(found[name]) for name in ("model", "moves", "diagnosis")]
-        _print_result(run, files)
+        _print_result(run, _list_files(run, resume or Path(run.result["run"])))
+
+
+def _list_files(run: "Run", path: Path) -> list[Path]:
+    """What a run left, its file first."""
+    files = [path, Path(run.result["model"]), path.with_name("report.html")]
+    if found := run.result.get("dynamics"):
+        files += [Path(found[name]) for name in ("model", "moves", "diagnosis")]
+    return files
 
 
 # Shares of a run's time that are over with the first simulation, with the first cycle

@@ -84,13 +84,12 @@ def identify(
         RunFileError: the run cannot be read, or another process works on it.
     """
     from ..files import lock_file
-    from ..robot.open_robot import is_described
     from ..selfmodel.loop import check_settings
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
 
-    tell_stage = on_stage or (lambda what, share: None)
-    told = progress or (lambda count: None), on_step or (lambda run: None), tell_stage
+    tell = on_stage or (lambda what, share: None)
+    told = progress or (lambda count: None), on_step or (lambda run: None), tell
     if resume is not None:
         with lock_file(resume):
             return _finish_run(load_run(resume), robot, Path(resume), *told)
@@ -102,15 +101,22 @@ def identify(
         settings = replace(settings, cycles=min(settings.cycles, len(robot.actions)))
     check_settings(settings, robot)
     check_moves(robot, settings.moves, has_folder=out is not None)
-    kind = settings.robot.replace(":", "-")
-    kind = robot.anatomy.name if is_described(settings.robot) else kind
-    name = f"{kind}-{settings.seed}"
+    name = f"{_name_kind(settings, robot)}-{settings.seed}"
     begun = begin_run_file(out, _RUN, name=name, force=force, others=_FILES)
     with begun as path:
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         if path:
             save_run(run, path)
         return _finish_run(run, robot, path, *told)
+
+
+def _name_kind(settings: "Settings", robot: "Robot") -> str:
+    """What a run's folder is named after: its robot, in letters that a path takes."""
+    from ..robot.open_robot import is_described
+
+    if is_described(settings.robot):
+        return robot.anatomy.name
+    return settings.robot.replace(":", "-")
 
 
 def _make_settings(
