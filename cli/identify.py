@@ -22,6 +22,7 @@ _METHOD = typer.Option(
 _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
 _KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
 _MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
+_FORCE = typer.Option("--force", help="Start over where a run is already.")
 _RANDOM_ACTIONS = typer.Option(
     "--random-actions", help="Do not choose actions, for comparison."
 )
@@ -57,9 +58,7 @@ def identify(
     resume: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a run is already.")
-    ] = False,
+    force: Annotated[bool, _FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
