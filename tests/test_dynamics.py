@@ -66,6 +66,7 @@ def test_moves_are_diagnosed_and_the_body_gets_what_was_found(diagnosed, tmp_pat
     found = mujoco.MjModel.from_xml_path(told["model"])
     assert found.nv == 14 and found.joint("left_hip").damping[0] == 0.5
     assert load_run(tmp_path / "run.h5").result == run.result
+    assert "How its joints move" in (tmp_path / "report.html").read_text()
 
 
 def test_a_killed_run_goes_on_with_the_moves_that_were_made(diagnosed, tmp_path):
