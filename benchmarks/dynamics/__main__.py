@@ -4,8 +4,8 @@
     python -m benchmarks.dynamics page
 
 A suite appends its records to benchmarks/results/dynamics-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/dynamics.md of them. Seeds are 5000 and
-up; development used seeds below 5000.
+what is there already; `page` makes docs/results/dynamics.md of them. Seeds are 6000 and
+up; development used seeds below 6000.
 """
 
 from benchmarks.dynamics.page import write_page

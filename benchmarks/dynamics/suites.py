@@ -23,12 +23,12 @@ from selfheal.robot.open_robot import open_robot
 from selfheal.robot.simulated import SimulatedRobot
 from selfheal.robot.simulated_walk import draw_hidden_plant
 
-FIRST, MOVES, TRIAL = 5000, 4, 900
+FIRST, MOVES, TRIAL = 6000, 4, 900
 _WALK = 10.0  # [s] that the gait is walked
 
 
 def list_starfish(count: int) -> KeyedRuns:
-    """Runs of the simulated starfish, with seeds from 5000 on."""
+    """Runs of the simulated starfish, with seeds from 6000 on."""
     for seed in range(FIRST, FIRST + count):
         yield f"{seed}", partial(_measure, "starfish", seed)
 

@@ -19,7 +19,9 @@ SECONDS = 5.0  # [s] of each multisine; chosen: as long as some steps of a gait
 # [s] at rest before, and of the way to where it begins; chosen: a servo that turns by
 # 30 degrees a second, half of a hobby servo's speed, is there
 _REST, _APPROACH = 0.2, 1.0
-_TOP = 2.0  # [Hz] of the fastest line; chosen: ten samples a period
+# [Hz] of the fastest line; chosen: six samples a period, and swings of 15 degrees then
+# pass the 60 degrees a second of a hobby servo in a third of the time
+_TOP = 3.0
 # of the range, in turn: what grows with amplitude, as limits do, is told from what
 # does not, as delays do; chosen
 _SCALES = (1.0, 0.5)
