@@ -74,6 +74,7 @@ def test_a_killed_run_goes_on_with_the_moves_that_were_made(diagnosed, tmp_path)
     with pytest.raises(KeyboardInterrupt):
         selfheal.identify("starfish", **SMALL, moves=2, out=tmp_path)
     made = (tmp_path / "moves.h5").read_bytes()
+    assert "How its joints move" not in (tmp_path / "report.html").read_text()
     run = selfheal.identify(resume=tmp_path / "run.h5")
     assert (tmp_path / "moves.h5").read_bytes() == made
     first, again = (asked[1].episodes["move-1"] for asked in diagnosed.asked)

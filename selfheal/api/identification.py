@@ -182,6 +182,7 @@ def _finish_run(
                 save_run(run, path)
             on_step(run)
     if path and run.settings.moves and not run.result.get("dynamics"):
+        write_identify_report(run, path)  # moves may be refused, or take long
         model = path.with_name(_MODEL)
         told = identify_dynamics(run, robot, path, model, on_stage)
         run = replace(run, result={**run.result, "dynamics": told})
