@@ -23,6 +23,11 @@ ShowProgress = Annotated[
     typer.Option("--progress", help="Say how far it is, on any standard error."),
 ]
 LEFT_OF_LATE = 0.05  # of the time that is over, left at least until the end; chosen
+# what is said of a stage, by the first word of what is being done
+_STAGES = {
+    "trying": "trying every effect wherever it could be",
+    "fitting": "fitting the best of them together with all stated values",
+}
 _STEP = 0.05  # of the whole, after which a line says how far it is; chosen
 
 
@@ -165,3 +170,18 @@ class StageProgress:
         self._begun = before if self._begun is None else self._begun
         done = before + share * self.weights[stage] + self._start - self._begun
         return done / (sum(self.weights.values()) + self._start - self._begun)
+
+
+class DiagnosisProgress:
+    """Progress of a diagnosis: a line for each stage."""
+
+    def __init__(self, live: ProgressBar) -> None:
+        self.live, self.stage = live, ""
+
+    def __call__(self, what: str, share: float) -> None:
+        """Show what is being done and how much of that is done."""
+        self.live.show(what, share)
+        stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
+        if stage != self.stage:
+            self.stage, said = stage, _STAGES.get(stage, what)
+            self.live.say(f"{self.live.seconds:6.1f} s  {said}")

@@ -16,7 +16,7 @@ from selfheal.printable import join_names
 
 from ._options import AS_JSON, FORCE, complete, list_faults, out_file, out_folder
 from ._print import print_json, print_line, print_table, print_text
-from ._progress import ProgressBar, ShowProgress
+from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
 if TYPE_CHECKING:
@@ -28,11 +28,6 @@ _NO_CHECK = typer.Option(
     autocompletion=complete(list_faults),
 )
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
-# what is said of a stage, by the first word of what is being done
-_STAGES = {
-    "trying": "trying every effect wherever it could be",
-    "fitting": "fitting the best of them together with all stated values",
-}
 _MEANS = (
     "Root mean square errors on held-out recordings, replayed in segments of that "
     "length; normalized, 1 is as far off as a constant. given: the model as it is; "
@@ -92,7 +87,7 @@ def diagnose(
         with _heed_interrupts(live, memory) as is_wanted:
             found = find(model, recordings, held_out=held_out or (),
                          no_check=no_check or (), seed=seed, memory=memory,
-                         progress=_StageProgress(live), minutes=minutes,
+                         progress=DiagnosisProgress(live), minutes=minutes,
                          stop=is_wanted, findings_only=findings_only)  # fmt: skip
         found.save(out, force=force)
     if as_json:
@@ -138,21 +133,6 @@ def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], b
         raise
     finally:
         signal.signal(signal.SIGINT, earlier)
-
-
-class _StageProgress:
-    """Progress of a diagnosis: a line for each stage."""
-
-    def __init__(self, live: ProgressBar) -> None:
-        self.live, self.stage = live, ""
-
-    def __call__(self, what: str, share: float) -> None:
-        """Show what is being done and how much of that is done."""
-        self.live.show(what, share)
-        stage = what.partition(" ")[0]  # "trying this", "trying that": one stage
-        if stage != self.stage:
-            self.stage, said = stage, _STAGES.get(stage, what)
-            self.live.say(f"{self.live.seconds:6.1f} s  {said}")
 
 
 def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:

@@ -1,7 +1,8 @@
 """`selfheal identify`, `show`, `robots`: settings in; progress, a body, files out."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +10,7 @@ import typer
 
 from ._options import AS_JSON, complete, list_robot_names, out_folder
 from ._print import print_json, print_line, print_table
-from ._progress import ProgressBar, ShowProgress
+from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ _METHOD = typer.Option(
 )
 _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
 _KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
+_MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
+_FORCE = typer.Option("--force", help="Start over where a run is already.")
 _RANDOM_ACTIONS = typer.Option(
     "--random-actions", help="Do not choose actions, for comparison."
 )
@@ -50,17 +53,18 @@ def identify(
         int | None, typer.Option(help="Simulations for the search; 262000 by default.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    moves: Annotated[int, _MOVES] = 0,
     out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
     resume: Annotated[
         Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a run is already.")
-    ] = False,
+    force: Annotated[bool, _FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find out what a robot's body is."""
+    if moves or resume:  # as `diagnose` does
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import identify as run_identify
     from selfheal.errors import InputError
 
@@ -68,23 +72,30 @@ def identify(
         raise InputError("give either --robot NAME or --resume RUN.h5")
     with ProgressBar("starting", as_json=as_json, asked=progress) as live:
         show = _CycleProgress(live)
+        told: dict[str, Any] = {"progress": show, "on_step": show.show_cycle,
+                                "on_stage": DiagnosisProgress(live)}  # fmt: skip
         if resume is not None:
             refuse_settings(context)
-            run = run_identify(resume=resume, progress=show, on_step=show.show_cycle)
+            run = run_identify(resume=resume, **told)
         else:
             run = run_identify(
                 robot, recordings=recordings, method=method, space=space,
                 known_lengths=known_lengths, random_actions=random_actions,
-                engine=engine, cycles=cycles, budget=budget, seed=seed,
-                out=RunFolder(out, force), force=force,
-                progress=show, on_step=show.show_cycle,
+                engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
+                out=RunFolder(out, force), force=force, **told,
             )  # fmt: skip
     if as_json:
         print_json(run.result)
     else:
-        path = resume or Path(run.result["run"])
-        model = Path(run.result["model"])
-        _print_result(run, [path, model, path.with_name("report.html")])
+        _print_result(run, _list_files(run, resume or Path(run.result["run"])))
+
+
+def _list_files(run: "Run", path: Path) -> list[Path]:
+    """What a run left, its file first."""
+    files = [path, Path(run.result["model"]), path.with_name("report.html")]
+    if found := run.result.get("dynamics"):
+        files += [Path(found[name]) for name in ("model", "moves", "diagnosis")]
+    return files
 
 
 # Shares of a run's time that are over with the first simulation, with the first cycle
@@ -205,6 +216,24 @@ def _summarize_run(run: "Run") -> Iterator[str]:
     )
     seconds = result.get("seconds", round(cycle.seconds, 1))  # no file, no seconds
     yield f"simulations: {counts}; {seconds} s in all"
+    if found := result.get("dynamics"):
+        yield from _summarize_dynamics(found)
+
+
+def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
+    """What moves over time told, a line each."""
+    from selfheal.diagnosis.output.storage import read_document
+    from selfheal.errors import SelfhealError
+    from selfheal.report.phrases import state_verdict
+
+    how = "while the torso lay still" if found["held"] else "with limbs on the floor"
+    yield (
+        f"dynamics, {how}: error on a held-out move {found['given']:.3f} of the body's "
+        f"model, {found['patched']:.3f} with what was found, {found['floor']:.3f} of "
+        "noise alone, in standard deviations of the readings"
+    )
+    with suppress(SelfhealError):  # the folder was moved since
+        yield state_verdict(read_document(found["diagnosis"]))
 
 
 def show(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 from ..errors import InputError
+from .dynamics import DYNAMICS, HELD, MOVES, check_moves, identify_dynamics
 from .run_files import REPORT, Folder, PathLike, begin_run_file
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from ..selfmodel.run import Run, Settings
 
 _RUN, _MODEL = "run.h5", "best.xml"
+_FILES = (_MODEL, REPORT, MOVES, HELD, DYNAMICS)
 
 # [s] between two saves, which take a tenth of it: a killed run loses as much
 _SAVE_EVERY = 1.0
@@ -35,6 +37,8 @@ class IdentifyOptions(TypedDict, total=False):
         cycles: number of actions to try; None takes 16, or all where there are fewer.
         budget: number of simulations of the search; None takes the method's own.
         seed: of everything random, 0 by default.
+        moves: number of moves over time that tell the dynamics of the joints of the
+            body that was found, 0 by default; they need `out`.
     """
 
     recordings: PathLike | None
@@ -46,6 +50,7 @@ class IdentifyOptions(TypedDict, total=False):
     cycles: int | None
     budget: int | None
     seed: int
+    moves: int
 
 
 def identify(
@@ -56,6 +61,7 @@ def identify(
     force: bool = False,
     progress: Callable[[int], None] | None = None,
     on_step: "Callable[[Run], None] | None" = None,
+    on_stage: Callable[[str, float], None] | None = None,
     **options: Unpack[IdentifyOptions],
 ) -> "Run":
     """Find out what a robot's body is, by actions that tell its rivals apart.
@@ -69,6 +75,7 @@ def identify(
         force: replace a run that is in `out` already.
         progress: given the number of the search's simulations so far.
         on_step: given the run when it begins, and after each cycle.
+        on_stage: told what is being done of the moves, and about what share (0 to 1).
         **options: as `IdentifyOptions` lists them.
 
     Returns:
@@ -85,7 +92,8 @@ def identify(
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
 
-    told = progress or (lambda count: None), on_step or (lambda run: None)
+    tell = on_stage or (lambda what, share: None)
+    told = progress or (lambda count: None), on_step or (lambda run: None), tell
     if resume is not None:
         with lock_file(resume):
             return _finish_run(load_run(resume), robot, Path(resume), *told)
@@ -96,8 +104,9 @@ def identify(
     if options.get("cycles") is None:
         settings = replace(settings, cycles=min(settings.cycles, len(robot.actions)))
     check_settings(settings, robot)
+    check_moves(robot, settings.moves, has_folder=out is not None)
     name = f"{name_robot(robot)}-{settings.seed}"
-    begun = begin_run_file(out, _RUN, name=name, force=force, others=(_MODEL, REPORT))
+    begun = begin_run_file(out, _RUN, name=name, force=force, others=_FILES)
     with begun as path:
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         if path:
@@ -142,8 +151,9 @@ def _finish_run(
     path: Path | None,
     progress: Callable[[int], None],
     on_step: "Callable[[Run], None]",
+    on_stage: Callable[[str, float], None],
 ) -> "Run":
-    """Cycle by cycle to the end, saved now and then; then the body and the page."""
+    """Cycle by cycle to the end, saved now and then; then body, moves, page."""
     from ..report.picture import load_matplotlib
     from ..selfmodel.loop import check_same_robot, identify_body
     from ..selfmodel.run import save_run
@@ -173,6 +183,12 @@ def _finish_run(
         finally:
             if path and saved is not run:
                 save_run(run, path)
+    if path and run.settings.moves and not run.result.get("dynamics"):
+        write_identify_report(run, path)  # moves may be refused, or take long
+        model = path.with_name(_MODEL)
+        told = identify_dynamics(run, robot, path, model, on_stage)
+        run = replace(run, result={**run.result, "dynamics": told})
+        save_run(run, path)
     if path:
         write_identify_report(run, path)
     return run

@@ -48,6 +48,7 @@ def make_identify_page(run: Run) -> str:
             _make_tilts_section(run),
             _make_rivals_section(run),
             _make_sureness_section(run),
+            *([_make_dynamics_section(run)] if run.result.get("dynamics") else []),
             _make_settings_section(run),
         ]
     return make_page(title, sections, lead=_write_lead(run))
@@ -187,6 +188,24 @@ def _make_sureness_section(run: Run) -> Section:
         "How sure it is of each attachment",
         (embed_figure(figures.draw_sureness(run), caption),),
     )
+
+
+def _make_dynamics_section(run: Run) -> Section:
+    """What moves over time told, and how much it helps."""
+    told = run.result["dynamics"]
+    how = (
+        "The torso lay still on the floor, no limb touched that, and the joints alone "
+        "are explained." if told["held"]
+        else "Limbs touched the floor, and all sensors are explained."
+    )  # fmt: skip
+    rows = [
+        ("best.xml", format_number(told["given"])),
+        ("with what the moves told", format_number(told["patched"])),
+        ("noise alone", format_number(told["floor"])),
+    ]
+    head = ("predicted by", "error on a held-out move, in standard deviations")
+    where = "The page of the diagnosis is dynamics/report.html."
+    return Section("How its joints move", (how, make_table(head, rows, "lr"), where))
 
 
 def _make_settings_section(run: Run) -> Section:

@@ -35,8 +35,8 @@ class Robot(Protocol):
         ...
 
 
-class Walker(Robot, Protocol):
-    """A robot that can also follow commands over time, and be damaged on purpose."""
+class Mover(Robot, Protocol):
+    """A robot that can also follow commands over time."""
 
     def move(self, commands: Floats, *, trial: int = 0) -> Recording:
         """Follow joint commands from rest at zero on the spot, and sense meanwhile.
@@ -51,6 +51,16 @@ class Walker(Robot, Protocol):
             `torso_position` and `torso_orientation` (as a camera above sees them).
         """
         ...
+
+
+class Walker(Mover, Protocol):
+    """A robot that can also be damaged on purpose.
+
+    Attributes:
+        damage: what happens to it, for reports; nobody who identifies it may look.
+    """
+
+    damage: tuple[Damage, ...]
 
     def struck(self, damage: tuple[Damage, ...], onset: float = 0.0) -> "Walker":
         """This robot with one damage more that sets in at `onset` [s] into each move.
@@ -68,12 +78,27 @@ def require_walker(robot: Robot) -> Walker:
     """
     from ..engine.plant import check_can_walk
 
-    if not hasattr(robot, "move"):
+    if not hasattr(robot, "struck"):
         raise InputError(
             f"robot {robot.name!r} cannot walk: it answers from a recording"
         )
     check_can_walk(robot.anatomy)
     return cast(Walker, robot)
+
+
+def require_mover(robot: Robot) -> Mover:
+    """The robot, if it can follow commands over time.
+
+    Raises:
+        InputError: it only takes poses.
+    """
+    if not hasattr(robot, "move"):
+        raise InputError(
+            f"robot {robot.name!r} takes poses, and follows no commands over time; "
+            "would fit: a driver with follow(), or a recording of moves, by 'selfheal "
+            "diagnose best.xml MOVES.h5'"
+        )
+    return cast(Mover, robot)
 
 
 def refuse_arguments(name: str, argument: str, recordings: Path | None) -> None:

@@ -5,12 +5,10 @@ states and that is hidden from who identifies it.
 """
 
 import fnmatch
-import importlib.util
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
-from typing import Annotated, Any, Protocol, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 from pydantic import Field
@@ -23,12 +21,12 @@ from ..engine.channels import SENSOR_KINDS, list_channels
 from ..errors import InputError, UnknownNameError
 from ..files import check_file
 from ..printable import join_names, quote_name
-from ..recording import Recording, read
+from ..recording import read
 from ..schema import is_tree
 from .actions import SWING, list_actions_2006
 from .base import Robot
+from .driver import drive_by_class
 from .replay import replay
-from .rest_readings import make_rest_episode, name_signal_of
 from .simulated import SimulatedRobot
 
 _STRICT: Any = {"extra": "forbid"}
@@ -138,63 +136,6 @@ class Description:
     body: dict[str, str] = field(default_factory=dict)
     driver: str = ""
     ordered: bool = True
-
-
-class Driver(Protocol):
-    """What moves a real robot."""
-
-    def move(self, targets: Mapping[str, float]) -> None:
-        """Go from all joints at zero to targets [rad], and come to rest."""
-        ...
-
-    def read(self) -> Mapping[str, Any]:
-        """By signal, what the sensors say now; see docs/any-robot.md."""
-        ...
-
-
-@dataclass(frozen=True)
-class DrivenByClass:
-    """A real robot behind a Python class; see `base.Robot`.
-
-    Attributes:
-        name: of the robot.
-        anatomy: what it knows of its parts.
-        actions: (A, P) joint targets that it offers [rad].
-        driver: moves it.
-        truth: nobody knows it.
-    """
-
-    name: str
-    anatomy: Anatomy
-    actions: Floats
-    driver: Driver
-    truth: Bodies | None = None
-
-    def act(self, action: int) -> Recording:
-        """Move, and read the sensors.
-
-        Raises:
-            InputError: the class does not give what its sensors need.
-        """
-        target, joints = self.actions[action], self.anatomy.joints
-        self.driver.move(dict(zip(joints, target.tolist(), strict=True)))
-        said, found = self.driver.read(), {}
-        for sensor in self.anatomy.sensors:
-            signal = name_signal_of(sensor, self.anatomy)
-            if signal not in said:
-                raise InputError(
-                    f"{self.name}: read() gave no {quote_name(signal)}, for the sensor "
-                    f"{sensor}; it gave {join_names(sorted(map(str, said))) or 'none'}"
-                )
-            try:
-                found[sensor] = np.asarray(said[signal], float)
-            except (TypeError, ValueError) as error:
-                raise InputError(
-                    f"{self.name}: read() gave no numbers for {quote_name(signal)}"
-                ) from error
-        episode = make_rest_episode(self.anatomy, np.arange(3.0), target, found)
-        return Recording({f"action_{action:03d}": episode}, self.name, "driver",
-                         file=self.name)  # fmt: skip
 
 
 def read_description(path: str | Path) -> Description:
@@ -364,7 +305,7 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
     if recordings is not None:
         made: Any = replay(path, read(recordings), anatomy, truth)
     elif driver:
-        made = DrivenByClass(path, anatomy, actions, _load_driver(path, driver), truth)
+        made = drive_by_class(path, anatomy, actions, driver, truth)
     elif truth is not None:
         made = SimulatedRobot(path, truth, seed, offers=actions)
     else:
@@ -373,28 +314,3 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
             'driver = "FILE.py:CLASS" in the file, or a [body] that is simulated'
         )
     return cast(Robot, made)
-
-
-def _load_driver(path: str, driver: str) -> Driver:
-    """The object of a class that moves a robot.
-
-    Raises:
-        InputError: there is no such file or class, or it lacks a method.
-    """
-    file, _, name = driver.rpartition(":")
-    place = Path(path).parent / file
-    check_file(place)
-    spec = importlib.util.spec_from_file_location(place.stem, place)
-    if spec is None or spec.loader is None:
-        raise InputError(f"{place}: no Python file")
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-        made: Driver = getattr(module, name)()
-    except Exception as error:  # of the user's own code
-        said = f"{type(error).__name__}: {error}"
-        raise InputError(f"{path}: driver {driver} cannot be made: {said}") from error
-    for method in ("move", "read"):
-        if not callable(getattr(made, method, None)):
-            raise InputError(f"{place}: class {name} has no method {method}()")
-    return made

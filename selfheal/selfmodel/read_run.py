@@ -105,6 +105,31 @@ _SECOND_ENGINE = {
 
 
 @dataclass(frozen=True)
+class DynamicsResult:
+    """What a run says of moves over time; errors are as in diagnosis.json.
+
+    Attributes:
+        moves: path of the recording.
+        diagnosis: path of the folder with what was found.
+        model: path of the best body with it.
+        held: whether the torso lay still in all moves, and counts as bolted down.
+        verdict: of the diagnosis.
+        given: error of the best body on a held-out move [1].
+        patched: the same with what was found [1].
+        floor: what noise alone leaves [1].
+    """
+
+    moves: str
+    diagnosis: str
+    model: str
+    held: bool
+    verdict: str
+    given: Number
+    patched: Number
+    floor: Number
+
+
+@dataclass(frozen=True)
 class IdentifyResult:
     """What `identify --json` prints, as the schema of a run's result.
 
@@ -123,6 +148,7 @@ class IdentifyResult:
         seconds: that it took [s].
         run: path of the run file.
         model: path of the best body.
+        dynamics: of its joints; None where no moves were asked for.
     """
 
     format: str
@@ -139,6 +165,7 @@ class IdentifyResult:
     seconds: Number = 0.0
     run: str = ""
     model: str = ""
+    dynamics: DynamicsResult | None = None
 
 
 def load_run(path: str | os.PathLike[str]) -> Run:

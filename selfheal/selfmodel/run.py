@@ -40,6 +40,7 @@ class Settings:
         cycles: actions to try.
         budget: simulations for the search.
         seed: of everything random.
+        moves: short moves over time that the dynamics are told from in the end.
     """
 
     robot: str
@@ -52,6 +53,7 @@ class Settings:
     cycles: int = 16  # papers.md 1.4
     budget: int = 262_000
     seed: int = 0
+    moves: int = 0
 
 
 def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:

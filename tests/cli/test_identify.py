@@ -142,6 +142,7 @@ BAD = [
     (["--robot", "starfish", "--cycles", "37"], "cycles must be 1 to 36"),
     (["--robot", "starfish", "--budget", "-5"], "budget must be positive; not -5"),
     (["--robot", "starfish", "--seed", "-1"], "seed must not be negative"),
+    (["--robot", "starfish", "--moves", "-1"], "moves must be 0 to 100; not -1"),
     (["--robot", "tree", "--seed", "-1"], "seed must not be negative"),
     (["--robot", "starfish-2006"], "--recordings intact.h5"),
     (["--robot", "starfish-2006", "--recordings", "no.h5"], "there is no such file"),

@@ -8,8 +8,10 @@ import pytest
 import selfheal
 from selfheal.body.mjcf import format_mjcf
 from selfheal.engine.plant import build_rated_plant
+from selfheal.engine.walk import PERIOD
 from selfheal.errors import InputError
 from selfheal.recording import Recording, read, write
+from selfheal.robot.base import require_mover
 from selfheal.robot.open_robot import open_robot
 from selfheal.robot.rest_readings import read_rest_channels
 from tests.support.mjcf_models import write_file
@@ -150,6 +152,50 @@ def test_a_class_that_does_not_fit_is_refused(tmp_path):
     write_file(tmp_path / "arm_driver.py", "1 / 0")
     with pytest.raises(InputError, match="cannot be made: ZeroDivisionError"):
         open_robot(path)
+
+
+FOLLOWS = """
+class Arm:
+    def move(self, targets): ...
+    def read(self): ...
+    def follow(self, commands, period):
+        times = [2 * period, 3.5 * period]
+        return {{"time": times, {more}}}
+"""
+
+
+def test_a_class_that_follows_commands_gives_a_recording_of_all_of_them(tmp_path):
+    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
+                     name="real.toml")  # fmt: skip
+    write_file(
+        tmp_path / "arm_driver.py", FOLLOWS.format(more='"hand_position": [1, 2]')
+    )
+    robot = open_robot(path)
+    commands = np.arange(5 * robot.anatomy.size).reshape(5, -1) / 100
+    (episode,) = require_mover(robot).move(commands).episodes.values()
+    np.testing.assert_allclose(episode.time, PERIOD * np.array([0, 1, 2, 3, 3.5, 4]))
+    np.testing.assert_array_equal(episode.ctrl, commands[[0, 1, 2, 3, 3, 4]])
+    read = episode.signals["hand_position"]
+    assert (read.kind, read.target, read.unit) == ("joint_position", "hand", "rad")
+    np.testing.assert_array_equal(read.values[[2, 4]], [1, 2])
+    assert np.isnan(read.values[[0, 1, 3, 5]]).all()
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("", "follow.. gave time; would fit: time, and some of vertical"),
+        ('"hand_position": [1, 2, 3]', "no arrays of one length"),
+        ('"hand_position": ["near", "far"]', "no arrays of one length"),
+    ],
+)
+def test_a_class_that_follows_and_says_nothing_of_use_is_refused(more, said, tmp_path):
+    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
+                     name="real.toml")  # fmt: skip
+    write_file(tmp_path / "arm_driver.py", FOLLOWS.format(more=more))
+    robot = open_robot(path)
+    with pytest.raises(InputError, match=said):
+        require_mover(robot).move(np.zeros((5, robot.anatomy.size)))
 
 
 def test_the_body_of_an_arm_whose_links_stand_in_any_order_is_found(tmp_path):

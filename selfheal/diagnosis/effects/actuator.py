@@ -114,6 +114,7 @@ class RateLimit(ActuatorEffect):
     separate_by = "step the command by several sizes"
     phrase = "{at} follows its commands at {rate} at most"
     parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf, nonnegative=True),)
+    is_shared = True
 
     def make_parameters(self, robot, actuator):
         rate = actuator.max_rate

@@ -82,8 +82,8 @@ class ActuatorEffect(TargetEffect):
     """An effect at each actuator (`robot_summary.Actuator`), or at all of them alike.
 
     Attributes:
-        is_shared: whether one cause, such as a bus or a supply, may change all
-            actuators by the same values.
+        is_shared: whether one cause, such as a bus, a supply or one make of servos,
+            may change all actuators by the same values.
     """
 
     group = "actuator"
@@ -99,7 +99,8 @@ class ActuatorEffect(TargetEffect):
     def propose_terms(self, robot):
         """One term at each actuator and, of a shared effect, one at all of them."""
         found = super().propose_terms(robot)
-        if self.is_shared and len(found) > 1:
+        units = {tuple(p.unit for p in t.parameters) for t in found}
+        if self.is_shared and len(found) > 1 and len(units) == 1:
             targets = tuple(t.targets[0] for t in found)
             places = tuple(t.places[0] for t in found)
             found.append(replace(found[0], targets=targets, places=places))

@@ -20,6 +20,27 @@ def test_two_clocks_delay_the_commands_of_all_actuators_alike(benches):
     )
 
 
+def test_servos_of_one_make_have_one_rate_limit(benches):
+    b = benches["arm"]
+    *single, shared = find_effect("rate_limit").propose_terms(b.robot)
+    assert len(shared.targets) == len(single) == 2
+    np.testing.assert_allclose(
+        predict(b, (shared, 0.4)),
+        predict(b, (single[0], 0.4), (single[1], 0.4)),
+        atol=1e-12,
+    )
+
+
+def test_a_slide_and_a_hinge_have_no_rate_in_common(tmp_path):
+    robot = ROBOTS["arm"]
+    hinge = '<joint name="elbow" type="hinge"'
+    xml = robot.xml.replace(hinge, hinge.replace("hinge", "slide"))
+    b = make_effect_bench(replace(robot, xml=xml), tmp_path)
+    terms = find_effect("rate_limit").propose_terms(b.robot)
+    assert [len(t.targets) for t in terms] == [1, 1]
+    assert {t.parameters[0].unit for t in terms} == {"rad/s", "m/s"}
+
+
 def test_one_actuator_has_a_late_command_and_no_second_clock(benches):
     assert find_effect("clock_shift").propose_terms(benches["cart_pole"].robot) == []
 

@@ -1,0 +1,1 @@
+"""Dynamics of hidden robots, told from their moves."""
