@@ -53,7 +53,7 @@ def _make_few_actions_row(cycles: int, random: bool) -> SuiteRow:
     )
     if random:
         return SuiteRow(f"{cycles} random actions", settings, 60)
-    target = {10: ">= 95 %", 8: ">= 85 %", 6: ">= 60 %"}[cycles] + ", p < 0.01"
+    target = {10: ">= 95 %", 8: ">= 95 %", 6: ">= 90 %"}[cycles] + ", p < 0.01"
     name = f"{cycles} chosen actions"
     return SuiteRow(name, settings, 60, target, rivals=(f"{cycles} random actions",))
 
@@ -84,7 +84,7 @@ SUITES = {
             "free, 262,000", _make_our_settings(REAL, "free", 262_000), 60, ">= 95 %"
         ),
         SuiteRow(
-            "free, 80,000", _make_our_settings(REAL, "free", 80_000), 60, ">= 85 %"
+            "free, 26,000", _make_our_settings(REAL, "free", 26_000), 60, ">= 95 %"
         ),
     ],
     "real-sides": [
@@ -98,7 +98,7 @@ SUITES = {
     "few-actions": [
         _make_few_actions_row(*row) for row in product((10, 8, 6), (False, True))
     ],
-    "full": [SuiteRow("hinges unknown, lengths known, 262,000", _FULL, 20, ">= 60 %")],
+    "full": [SuiteRow("hinges unknown, lengths known, 262,000", _FULL, 60, ">= 90 %")],
     "simulated": [
         SuiteRow(
             "hidden starfish", _make_our_settings(HIDDEN, "free", 262_000), 30, "30/30"
@@ -106,8 +106,8 @@ SUITES = {
         SuiteRow(
             "hidden trees",
             _make_our_settings("tree:{seed}", "free", 262_000),
-            20,
-            ">= 85 % or like it",
+            60,
+            ">= 95 % or like it",
         ),
     ],
     "described": [

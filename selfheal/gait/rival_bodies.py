@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..selfmodel.evaluate import make_capped_loss
 from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Run
+from ..selfmodel.space import find_space
 
 _RIVALS = 3  # bodies that a gait has to suit; chosen
 _SAME_BODY = 0.2  # [cm] centers nearer than this are the same body; chosen
@@ -53,10 +54,11 @@ def _compute_losses(run: Run, genomes: Genomes) -> Floats:
     seen = Statics().simulate(bodies[rows], np.tile(tried, (len(bodies), 1)))
     table = seen.channels.reshape(len(bodies), len(tried), -1)
     gap = make_capped_loss(run.anatomy)(table, felt)
+    space = find_space(run.settings.space)
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
     total = (
         gap.sum(axis=1)
-        + compute_prior_cost(run.anatomy, genomes)
+        + compute_prior_cost(run.anatomy, genomes, hinges=space.hinges)
         + _OFF_CENTER_COST * off.sum(axis=1)
     )
     return np.where(np.isfinite(total), total, np.inf)

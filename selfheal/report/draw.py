@@ -139,6 +139,7 @@ def draw_body(
     colors: Sequence[str],
     at: tuple[float, float] = (0.0, 0.0),
     numbers: bool = False,
+    pale: Bodies | None = None,
 ) -> None:
     """Draw one body, its middle at a place of the axes, a meter as one unit.
 
@@ -150,16 +151,29 @@ def draw_body(
         colors: of each part.
         at: the place.
         numbers: whether parts carry their numbers, from 1.
+        pale: bodies that are drawn behind it, with its torso.
     """
+    camera = replace(camera, target=_find_middle(bodies, row), at=np.array([*at, 0.0]))
+    for other in range(len(pale) if pale else 0):
+        assert pale is not None
+        faces = _build_faces(pale, other, [LINE] * pale.anatomy.size)
+        _draw_faces(ax, camera, *faces, zorder=0)
+    _draw_rim(ax, bodies, camera)
+    _draw_faces(ax, camera, *_build_faces(bodies, row, colors))
+    if numbers:
+        _write_numbers(ax, bodies, row, camera, colors)
+
+
+def _draw_faces(
+    ax: "Axes", camera: Camera, faces: Floats, paints: Floats, zorder: float = 2
+) -> None:
+    """Draw faces (F, _SIDES, 3) [m] in their colors (F, 3)."""
     from matplotlib.collections import PolyCollection
 
-    camera = replace(camera, target=_find_middle(bodies, row), at=np.array([*at, 0.0]))
-    faces, paints = _build_faces(bodies, row, colors)
     seen = camera.project(faces)
     front = np.flatnonzero(_compute_normals(seen)[:, 2] > 0)
     front = front[np.argsort(seen[front, :, 2].mean(axis=1), kind="stable")]
     shaded = _shade_colors(paints[front], _compute_normals(faces)[front])
-    _draw_rim(ax, bodies, camera)
     ax.add_collection(
         PolyCollection(
             [_trim_face(face[:, :2]) for face in seen[front]],
@@ -167,12 +181,10 @@ def draw_body(
             edgecolors=0.75 * shaded,
             linewidths=0.3,
             joinstyle="round",
-            zorder=2,
+            zorder=zorder,
         ),
         autolim=False,
     )
-    if numbers:
-        _write_numbers(ax, bodies, row, camera, colors)
 
 
 def _build_faces(

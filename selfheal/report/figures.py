@@ -12,6 +12,7 @@ from ..body.body import Bodies, Floats, concatenate_bodies
 from ..body.genome import build_bodies
 from ..diagnosis.output.result import Localization, Trace
 from ..engine.channels import list_channels
+from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Cycle, Run
 from .draw import (
     NEUTRAL,
@@ -22,7 +23,12 @@ from .draw import (
     look_from_behind,
     measure_window,
 )
-from .facts import choose_channels, find_right_edges, format_thousands, name_action
+from .facts import (
+    choose_channels,
+    find_right_edges,
+    format_thousands,
+    name_action,
+)
 from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, make_canvas, shorten_label
 
 if TYPE_CHECKING:
@@ -65,15 +71,23 @@ def choose_colors(run: Run, bodies: Bodies, row: int = 0) -> list[str]:
 
 
 def draw_best_body(run: Run) -> "Figure":
-    """The best body from above and in perspective, above the truth if it is known."""
-    bodies = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
+    """The best body from above and in perspective, above the truth if it is known.
+
+    Candidates that are a twentieth as likely or more are drawn pale behind it.
+    """
+    last = run.cycles[-1]
+    bodies = build_bodies(run.anatomy, last.genomes[:1])
+    costs = last.losses + compute_prior_cost(run.anatomy, last.genomes)
+    near = 1 + np.flatnonzero(costs[1:] <= costs[0] + np.log(20))
+    pale = build_bodies(run.anatomy, last.genomes[near]) if len(near) else None
     if run.truth is not None:
         bodies = concatenate_bodies(bodies, run.truth)
     views = {
         "from above": look_from_above(bodies),
         "from behind": look_from_behind(bodies),
     }
-    halves = np.array([measure_window(bodies, camera) for camera in views.values()])
+    every = concatenate_bodies(bodies, pale) if pale else bodies
+    halves = np.array([measure_window(every, camera) for camera in views.values()])
     # both views as wide as the wider one: what is near looks no larger from behind
     half = halves.max(axis=0)
     head = 0.16 * half[0]  # for a title
@@ -91,6 +105,7 @@ def draw_best_body(run: Run) -> "Figure":
                 colors=choose_colors(run, bodies, row),
                 at=at,
                 numbers=column == 0,
+                pale=pale if row == 0 else None,
             )
             ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",
                     ha="center", va="center")  # fmt: skip

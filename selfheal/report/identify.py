@@ -113,7 +113,8 @@ def _make_drawing_section(run: Run) -> Section:
     colors = "Blue: attached to the correct parent; orange: to a wrong one. "
     caption = (
         "Parts at zero joint angles; numbers as in the table. The dashed square is "
-        "where parts attach to the torso, the arrow points forward. "
+        "where parts attach to the torso, the arrow points forward. Pale: "
+        "candidates at least a twentieth as likely; where they differ is undecided. "
     )
     caption += colors if run.truth is not None else ""
     return Section(

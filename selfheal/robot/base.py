@@ -54,13 +54,7 @@ class Mover(Robot, Protocol):
 
 
 class Walker(Mover, Protocol):
-    """A robot that can also be damaged on purpose.
-
-    Attributes:
-        damage: what happens to it, for reports; nobody who identifies it may look.
-    """
-
-    damage: tuple[Damage, ...]
+    """A robot that can also be damaged on purpose."""
 
     def struck(self, damage: tuple[Damage, ...], onset: float = 0.0) -> "Walker":
         """This robot with one damage more that sets in at `onset` [s] into each move.

@@ -12,7 +12,7 @@ from selfheal.report.draw import (
     look_from_behind,
     measure_window,
 )
-from tests.support.made_up_run import make_anatomy
+from tests.support.made_up_run import change_last_cycle, make_anatomy, make_run
 
 
 @pytest.mark.parametrize(
@@ -51,3 +51,17 @@ def test_up_to_eight_cycles_are_drawn_with_the_first_and_the_last():
     for count in (8, 9, 16, 36, 500):
         shown = choose_cycles(count)
         assert len(shown) == 8 and shown[0] == 0 and shown[-1] == count - 1
+
+
+def test_what_is_nearly_as_likely_as_the_best_body_is_drawn_too():
+    from selfheal.report.figures import draw_best_body
+
+    run = make_run(rivals=5)
+    drawn = []
+    for losses in ([0.0, 0, 0, 0, 0], [0.0, 0, 0, 99, 99], [0.0, 99, 99, 99, 99]):
+        some = change_last_cycle(run, losses=np.array(losses))
+        same = run.cycles[-1].genomes[np.zeros(5, int)]  # equal but for their losses
+        (ax,) = draw_best_body(change_last_cycle(some, genomes=same)).axes
+        drawn.append(len(ax.collections))
+    # two views of the best, of the truth and of each rival
+    assert drawn == [4 + 2 * 4, 4 + 2 * 2, 4]
