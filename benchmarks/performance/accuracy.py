@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.performance.lack_of_fit import measure_lack_of_fit
 from benchmarks.performance.servo_fit import score_held_out
 from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.body.body import Bodies
@@ -131,7 +132,7 @@ def _compute_tilt_gap(tilt: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Measure all three parts of accuracy and publish them."""
+    """Measure all parts of accuracy and publish them."""
     line = make_parser(__doc__ or "")
     line.add_argument("--trees", type=int, default=300, help="random trees")
     line.add_argument("--seed", type=int, default=20261121, help="of the trees")
@@ -145,6 +146,7 @@ def main() -> None:
         "published": score_published_body(actions, measured),
         "random_trees": measure_agreement(options.trees, options.seed),
         "fitted": score_held_out(actions, measured, options.fold_seed, options.splits),
+        "lack_of_fit": measure_lack_of_fit(actions, measured),
     }
     sections = [section for section, _ in parts.values()]
     data = {name: found for name, (_, found) in parts.items()}
