@@ -76,7 +76,7 @@ def _make_success_section(
         )
     seeds = [r["settings"]["seed"] for found in records.values() for r in found]
     text = (
-        f"Seeds from {min(seeds)} (none from 5000 on was used in development); 95 % "
+        f"Seeds from {min(seeds)} (none of these was used in development); 95 % "
         "Wilson intervals. Exact: every part on its true parent. Or like it: exact, or "
         f"the parts' centers lie within {10 * NEAR:g} mm on average (not where hinges "
         "are unknown), or none of the robot's actions tells it from the truth by more "
