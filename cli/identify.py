@@ -50,7 +50,8 @@ def identify(
         int | None, typer.Option(help="Actions to try; 16 by default.")
     ] = None,
     budget: Annotated[
-        int | None, typer.Option(help="Simulations for the search; 262000 by default.")
+        int | None,
+        typer.Option(help="Most simulations of a search; 262000 by default."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
     moves: Annotated[int, _MOVES] = 0,
