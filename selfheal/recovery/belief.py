@@ -15,6 +15,7 @@ from ..body.body import Floats, Ints
 
 DEGREES_OF_FREEDOM = 4.0  # heavier tails than any sensor's; chosen
 _ROUNDS = 6  # of the drift's fit
+_AT_ONCE = 4_000_000  # numbers compared at a time, 32 MB; chosen
 _DRAWS = 384  # outcomes imagined of each candidate action; chosen
 
 
@@ -167,9 +168,10 @@ def choose_action(
     for k, c in enumerate(candidates):
         robot = rng.integers(c.predicted.shape[1], size=_DRAWS)
         noise = rng.standard_t(DEGREES_OF_FREEDOM, size=(_DRAWS, len(c.scale)))
-        weight = log_weight + score_outcomes(
-            c, c.predicted[truth, robot] + c.scale * noise
-        )
+        felt = c.predicted[truth, robot] + c.scale * noise
+        pieces = -(-_DRAWS * c.predicted.size // _AT_ONCE)
+        fits = [score_outcomes(c, some) for some in np.array_split(felt, pieces)]
+        weight = log_weight + np.concatenate(fits)
         weight = np.exp(weight - weight.max(axis=1, keepdims=True))
         share = weight @ members
         expected[k] = compute_entropy(share / share.sum(axis=1, keepdims=True)).mean()
