@@ -21,6 +21,7 @@ _METHOD = typer.Option(
 )
 _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
 _KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
+_BUDGET = typer.Option(help="Most simulations of a search; 262000 by default.")
 _MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
 _FORCE = typer.Option("--force", help="Start over where a run is already.")
 _RANDOM_ACTIONS = typer.Option(
@@ -49,10 +50,7 @@ def identify(
     cycles: Annotated[
         int | None, typer.Option(help="Actions to try; 16 by default.")
     ] = None,
-    budget: Annotated[
-        int | None,
-        typer.Option(help="Most simulations of a search; 262000 by default."),
-    ] = None,
+    budget: Annotated[int | None, _BUDGET] = None,
     seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
     moves: Annotated[int, _MOVES] = 0,
     out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
