@@ -8,6 +8,7 @@ import numpy as np
 from benchmarks.writer import Section
 from selfheal.body.mjcf import Physics, build_spec
 from selfheal.engine.mujoco import HOLD, RAMP
+from selfheal.engine.readings import compute_readings, pack_inputs
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import load_published_body
 
@@ -29,8 +30,8 @@ def measure_lack_of_fit(
     data: dict[str, Any] = {"pure_error": floor, "replicates": count}
     rows = []
     for name, radius in _BELLIES.items():
-        for kp in (Physics().kp, Physics().kp / 10):
-            seen = simulate_belly(actions, radius, kp)
+        for softer in (1, 10):
+            seen, kp = simulate_belly(actions, radius, softer), Physics().kp / softer
             error = np.abs(seen - measured)
             pair = float(error[:, :2].sum(axis=1).mean()), float(error[:, 2].mean())
             data[f"{name}, {kp:g}"] = pair
@@ -66,35 +67,33 @@ def measure_pure_error(actions: np.ndarray, measured: np.ndarray) -> tuple[float
     return float(np.mean(found)), len(found)
 
 
-def simulate_belly(actions: np.ndarray, radius: float, kp: float) -> np.ndarray:
+def simulate_belly(actions: np.ndarray, radius: float, softer: float) -> np.ndarray:
     """(A, 3) channels of the published body with a round belly; 0: as it is.
 
     Args:
         actions: (A, P) joint targets [rad].
         radius: of the belly [m].
-        kp: of the servos [N m/rad].
+        softer: by how much the servos are softer [1].
     """
     body = load_published_body()
-    spec = build_spec(body, 0, Physics(kp=kp, kv=max(0.3, Physics().kv * kp / 200)))
+    stiff = Physics()
+    soft = Physics(kp=stiff.kp / softer, kv=stiff.kv / softer)
+    spec = build_spec(body, 0, soft)
     if radius:
         torso = next(geom for geom in spec.geoms if geom.name == "torso")
         torso.type = mujoco.mjtGeom.mjGEOM_CYLINDER
         torso.size = [radius, body.anatomy.torso_half[2], 0]
     model = spec.compile()
     steps = round((RAMP + HOLD) / model.opt.timestep)
-    seen = []
+    rest = []
     for target in actions:
         data = mujoco.MjData(model)
         for k in range(steps):
             data.ctrl[:] = target * min((k + 1) * model.opt.timestep / RAMP, 1)
             mujoco.mj_step(model, data)
-        seen.append(_read_channels(data, body.anatomy.torso_half))
-    return np.array(seen)
-
-
-def _read_channels(data: Any, half: np.ndarray) -> list[float]:
-    """Tilts [deg] and clearance [mm], see `selfheal.engine.readings`."""
-    torso = data.body("torso")
-    up = torso.xmat.reshape(3, 3)[2]  # the world's vertical in the torso's frame
-    tilts = np.degrees(np.arcsin([-up[1], up[0]]))
-    return [*tilts, 1000 * float(torso.xpos[2] / up[2] - half[2])]
+        torso = data.body("torso")  # its rows of xmat: the world's axes in its frame
+        rest.append([*torso.xmat.reshape(3, 3)[2], torso.xpos[2]])
+    up, height = np.array(rest)[:, :3], np.array(rest)[:, 3]
+    bodies, tips = body[np.zeros(len(rest), int)], np.zeros((len(rest), 0))
+    inputs = pack_inputs(bodies)
+    return compute_readings(bodies, inputs, up, height, tips, actions).channels

@@ -31,7 +31,7 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
     Raises:
         InputError: says what would fit.
     """
-    from ..engine.plant import build_rated_plant
+    from ..engine.plant import check_can_walk
     from ..robot.base import require_mover
     from ..robot.simulated import SimulatedRobot
 
@@ -42,7 +42,7 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
     if moves:
         require_mover(robot)
     if moves and isinstance(robot, SimulatedRobot):
-        build_rated_plant(robot.truth)  # refuses what its simulation cannot move
+        check_can_walk(robot.anatomy)  # its simulation can move no other
 
 
 def identify_dynamics(

@@ -178,6 +178,15 @@ def list_parents_first(parent: Ints) -> list[int]:
     return found[1:]
 
 
+def count_ancestors(parent: Ints) -> Ints:
+    """(P) parts between each part of one tree (P) and the torso."""
+    count = np.zeros(len(parent), np.int64)
+    for part in list_parents_first(parent):
+        if k := parent[part - 1]:
+            count[part - 1] = count[k - 1] + 1
+    return count
+
+
 def compute_part_points(bodies: Bodies, along: float) -> Floats:
     """(N, P, 3) point on each part's axis, zero angles, torso frame [m].
 

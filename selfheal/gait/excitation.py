@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
+from ..body.body import Bodies, Floats, count_ancestors
 from ..engine.support import measure_support
 from ..engine.walk import PERIOD, SAMPLE
 
@@ -96,12 +96,7 @@ def _list_swings(
         low: (P) and
         high: (P) ends of what joints can hold [rad].
     """
-    depth = np.zeros(len(low), int)
-    for i in range(len(low)):
-        part = int(body.parent[0, i])
-        while part:
-            depth[i], part = depth[i] + 1, int(body.parent[0, part - 1])
-    depth = np.minimum(depth, _MOST_DEPTHS - 1)
+    depth = np.minimum(count_ancestors(body.parent[0]), _MOST_DEPTHS - 1)
     for halves in product(((0.0, 1.0), (0.5, 1.0), (0.0, 0.5)), repeat=depth.max() + 1):
         share = np.array(halves)[depth]
         yield low + share[:, 0] * (high - low), low + share[:, 1] * (high - low)

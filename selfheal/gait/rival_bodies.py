@@ -58,7 +58,7 @@ def _compute_losses(run: Run, genomes: Genomes) -> Floats:
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
     total = (
         gap.sum(axis=1)
-        + compute_prior_cost(run.anatomy, genomes, hinges=space.hinges)
+        + compute_prior_cost(run.anatomy, space, genomes)
         + _OFF_CENTER_COST * off.sum(axis=1)
     )
     return np.where(np.isfinite(total), total, np.inf)

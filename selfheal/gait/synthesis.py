@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.body import Floats
+from ..body.body import Floats, count_ancestors
 from ..engine.plant import Plant
 from ..engine.walk import SAMPLE, Walks, simulate_walks
 from .cma_es import CmaState, ask, start_search, tell
@@ -232,10 +232,7 @@ def _draw_genes(search: _GaitSearch) -> Floats:
     """(_RANDOM, D) genes; joints as far from the torso share a stance."""
     rng, joints = search.rng, search.joints
     genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.count_genes(joints)))
-    parent = search.plants[0].body.parent[0]
-    depth = np.zeros(joints, int)
-    for i, k in enumerate(parent):
-        depth[i] = depth[k - 1] + 1 if k else 0
+    depth = count_ancestors(search.plants[0].body.parent[0])
     stance = rng.uniform(-_STANCE, _STANCE, (_RANDOM, depth.max() + 1))[:, depth]
     return search.pattern.add_stance(genes, stance)
 

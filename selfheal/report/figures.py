@@ -14,6 +14,7 @@ from ..diagnosis.output.result import Localization, Trace
 from ..engine.channels import list_channels
 from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Cycle, Run
+from ..selfmodel.space import find_space
 from .draw import (
     NEUTRAL,
     RIGHT,
@@ -23,12 +24,7 @@ from .draw import (
     look_from_behind,
     measure_window,
 )
-from .facts import (
-    choose_channels,
-    find_right_edges,
-    format_thousands,
-    name_action,
-)
+from .facts import choose_channels, find_right_edges, format_thousands, name_action
 from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, make_canvas, shorten_label
 
 if TYPE_CHECKING:
@@ -77,7 +73,8 @@ def draw_best_body(run: Run) -> "Figure":
     """
     last = run.cycles[-1]
     bodies = build_bodies(run.anatomy, last.genomes[:1])
-    costs = last.losses + compute_prior_cost(run.anatomy, last.genomes)
+    space = find_space(run.settings.space)
+    costs = last.losses + compute_prior_cost(run.anatomy, space, last.genomes)
     near = 1 + np.flatnonzero(costs[1:] <= costs[0] + np.log(20))
     pale = build_bodies(run.anatomy, last.genomes[near]) if len(near) else None
     if run.truth is not None:

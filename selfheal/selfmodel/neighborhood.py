@@ -13,10 +13,10 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, concatenate_genomes
-from .evaluate import Evaluator, Evidence
-from .prior import compute_prior_cost
+from .evaluate import Evidence
 from .rivals import RivalSet
-from .space import BodySpace, list_neighbors
+from .search import RivalSearch
+from .space import list_neighbors
 from .symmetry import SymmetryGroup
 
 _CENTERS = 4  # best bodies whose changes are looked at after each reading; chosen
@@ -80,17 +80,11 @@ class Hypotheses:
 class Neighborhood:
     """The bodies simulated; see the module."""
 
-    def __init__(
-        self,
-        space: BodySpace,
-        evaluator: Evaluator,
-        twins: SymmetryGroup,
-        alike: Genomes,
-    ) -> None:
-        """Nobody yet; `alike` are the likeliest before any reading."""
-        self.space, self.evaluator, self.twins = space, evaluator, twins
-        self.alike = alike
-        self.bodies = RivalSet.empty(evaluator)
+    def __init__(self, finder: RivalSearch) -> None:
+        """Nobody yet; the search knows the space, the twins and the prior."""
+        self.finder = finder
+        self.evaluator, self.twins = finder.evaluator, finder.twins
+        self.bodies = RivalSet.empty(finder.evaluator)
         self._family: list[int] = []  # a name that all twins of a body share
         self._distinct: list[Ints] = []  # twins (flat) that differ from one another
         self._scored: Evidence | None = None  # on which the losses below are
@@ -105,7 +99,7 @@ class Neighborhood:
         """
         with self.evaluator.count_as_choice():
             if not len(self.bodies):
-                likely = self.alike[:_MOST_KEPT]
+                likely = self.finder.alike[:_MOST_KEPT]
                 self.add_bodies(likely, self.evaluator.compute_table(likely))
             self.add_bodies(rivals.genomes, rivals.tables)
             losses = self._prune_bodies(self._compute_losses(evidence))
@@ -196,13 +190,7 @@ class Neighborhood:
 
     def _compute_prior_costs(self) -> Floats:
         """(K) what the prior adds to the loss of every body and of its twins."""
-        return self._compute_prior(self.bodies.genomes)
-
-    def _compute_prior(self, genomes: Genomes) -> Floats:
-        """(N) what the prior adds to the losses of bodies."""
-        return compute_prior_cost(
-            self.evaluator.anatomy, genomes, hinges=self.space.hinges
-        )
+        return self.finder.compute_prior(self.bodies.genomes)
 
     def _prune_bodies(self, losses: list[Floats]) -> list[Floats]:
         """Keep the best, and none that is hopelessly behind; the losses of those."""
@@ -224,9 +212,9 @@ class Neighborhood:
             flat = int(self._distinct[row][np.argmin(losses[row])])
             turn, trade = divmod(flat, len(self.twins.trade))
             twin = self.twins.map_genome(self.bodies.genomes, row, turn, trade)
-            around.append(list_neighbors(self.space, twin))
+            around.append(list_neighbors(self.finder.space, twin))
         genomes = concatenate_genomes(*around)
-        prior = self._compute_prior(genomes)
+        prior = self.finder.compute_prior(genomes)
         total, _ = self.evaluator.compute_losses(
             genomes,
             evidence,

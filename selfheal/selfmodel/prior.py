@@ -93,9 +93,7 @@ def _draw_salts(count: int) -> Ints:
     return np.random.default_rng(count).integers(-(2**62), 2**62, count)
 
 
-def compute_prior_cost(
-    anatomy: Anatomy, genomes: Genomes, *, hinges: bool = False
-) -> Floats:
+def compute_prior_cost(anatomy: Anatomy, space: BodySpace, genomes: Genomes) -> Floats:
     """(N) what the prior adds to each body's loss: its code length [nats].
 
     Each rule costs the logarithm of the number of places that a part may have: on any
@@ -103,10 +101,10 @@ def compute_prior_cost(
 
     Args:
         anatomy: the robot's parts.
+        space: that they lie in; where it has hinges, a place has any of them, too.
         genomes: N bodies.
-        hinges: whether a part may have any hinge there, too.
     """
-    places = 2 * anatomy.size * (len(HINGE_NAMES) if hinges else 1)
+    places = 2 * anatomy.size * (len(HINGE_NAMES) if space.hinges else 1)
     rules, bent = count_rules(anatomy, genomes)
     return np.log(places) * rules + np.log(_SIDES - 1) * bent
 
@@ -138,7 +136,9 @@ def draw_alike_genomes(
     names = np.sort(np.where(genomes.parent == 0, 1 + genomes.side, 0), axis=1)
     names = np.hstack([np.sort(_name_parts(anatomy, genomes), axis=1), names])
     genomes = genomes[np.sort(np.unique(names, axis=0, return_index=True)[1])]
-    return genomes[np.argsort(compute_prior_cost(anatomy, genomes), kind="stable")]
+    return genomes[
+        np.argsort(compute_prior_cost(anatomy, space, genomes), kind="stable")
+    ]
 
 
 def _draw_alike(

@@ -197,9 +197,7 @@ class RivalSearch:
 
     def compute_prior(self, genomes: Genomes) -> Floats:
         """(N) what the prior adds to the losses of bodies."""
-        return compute_prior_cost(
-            self.evaluator.anatomy, genomes, hinges=self.space.hinges
-        )
+        return compute_prior_cost(self.evaluator.anatomy, self.space, genomes)
 
     def keep_best(self, size: int) -> None:
         """Keep the best rivals, `size` of them."""

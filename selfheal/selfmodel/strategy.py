@@ -106,7 +106,7 @@ class RivalStrategy:
             anatomy, evaluator.actions, hinges_known=not where.hinges
         )
         self.finder = RivalSearch(where, evaluator, twins)
-        self.neighborhood = Neighborhood(where, evaluator, twins, self.finder.alike)
+        self.neighborhood = Neighborhood(self.finder)
         self.found: Hypotheses | None = None  # on the evidence so far
         self.random_actions = random_actions
 
@@ -186,7 +186,7 @@ class RivalStrategy:
         return find_indistinguishable(self.found, table, self.loss.weight).genomes
 
     def compute_prior(self, genomes: Genomes) -> Floats:
-        """Cost (N) of each body by its kinds of parts: few kinds are likelier."""
+        """Cost (N) of each body by its code length: few rules are likelier."""
         return self.finder.compute_prior(genomes)
 
     def capture_state(self) -> dict[str, Any]:

@@ -190,7 +190,9 @@ def test_the_prior_counts_rules_and_not_labels():
     rules, sideways = count_rules(like, every)
     np.testing.assert_array_equal(rules, [3, 3, 5, 4, 3])
     np.testing.assert_array_equal(sideways, [0, 0, 0, 0, 1])
-    assert (compute_prior_cost(like, chain) > compute_prior_cost(like, star)).all()
+    free = find_space("free")
+    costs = [compute_prior_cost(like, free, body) for body in (chain, star)]
+    assert (costs[0] > costs[1]).all()
     twins = SymmetryGroup.from_actions(like, Toy().actions)
     genomes = _random(20)
     for turn in range(len(twins.turns)):
@@ -199,8 +201,8 @@ def test_the_prior_counts_rules_and_not_labels():
             some = genomes[np.flatnonzero(rows)]
             same = np.full(len(some.parent), turn), np.full(len(some.parent), trade)
             np.testing.assert_allclose(
-                compute_prior_cost(like, twins.map_genomes(some, *same)),
-                compute_prior_cost(like, some),
+                compute_prior_cost(like, free, twins.map_genomes(some, *same)),
+                compute_prior_cost(like, free, some),
             )
 
 
@@ -213,10 +215,10 @@ def test_bodies_drawn_from_the_prior_are_valid_alike_and_the_likeliest_first(
     space = find_space(name, ordered=ordered)
     drawn = draw_alike_genomes(like, space, 300, np.random.default_rng(0))
     assert is_valid(space, drawn).all()
-    costs = compute_prior_cost(like, drawn)
+    costs = compute_prior_cost(like, space, drawn)
     assert (np.diff(costs) >= 0).all()
     some = draw_space_genomes(like, space, 300, np.random.default_rng(0))
-    assert costs.mean() < compute_prior_cost(like, some).mean()
+    assert costs.mean() < compute_prior_cost(like, space, some).mean()
     star = drawn.parent[:, 2:] == [1, 2]
     assert (star.all(axis=1) & (drawn.parent[:, :2] == 0).all(axis=1)).any() or (
         not ordered
@@ -267,7 +269,7 @@ def searched():
 def found(searched):
     """The neighborhood and its rivals after the search."""
     evaluator, search, evidence = searched
-    kin = Neighborhood(search.space, evaluator, search.twins, search.alike)
+    kin = Neighborhood(search)
     before = evaluator.spent, evaluator.spent_choosing
     kin.update(search.rivals, evidence)
     assert evaluator.spent == before[0] and evaluator.spent_choosing > before[1]
@@ -286,9 +288,7 @@ def test_hypotheses_are_different_bodies_with_their_tables_and_losses(searched, 
     np.testing.assert_allclose(
         evaluator.compute_table(genomes[:3]), some.tables[:3], atol=1e-6
     )
-    np.testing.assert_allclose(
-        some.costs, some.losses + compute_prior_cost(evaluator.anatomy, genomes)
-    )
+    np.testing.assert_allclose(some.costs, some.losses + search.compute_prior(genomes))
     assert some.losses.min() <= search.rivals.losses[0] + 1e-6
 
 

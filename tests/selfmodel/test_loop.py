@@ -22,6 +22,7 @@ from selfheal.selfmodel.loop import check_settings, identify_body
 from selfheal.selfmodel.prior import compute_prior_cost
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Run, Settings, save_run
+from selfheal.selfmodel.space import find_space
 from selfheal.selfmodel.strategy import METHODS
 from tests.support.stick_robot import PARTS, Toy
 
@@ -127,7 +128,9 @@ def test_what_a_run_says_is_what_it_did():
     assert cycles[-1].spent == runs[-1].counts["statics"] == progress[-1]
     assert runs[-1].counts["mujoco"] == len(toy.actions)
     for cycle in cycles:
-        costs = cycle.losses + compute_prior_cost(toy.anatomy, cycle.genomes)
+        costs = cycle.losses + compute_prior_cost(
+            toy.anatomy, find_space("free"), cycle.genomes
+        )
         assert (np.diff(costs) >= -1e-12).all()
         assert ((cycle.sureness >= 0) & (cycle.sureness <= 1)).all()
         np.testing.assert_allclose(
