@@ -64,10 +64,10 @@ def _make_real_section(real: Records) -> Section:
         for how, chosen in (("chosen", True), ("random", False))
     ]
     text = (
-        "Readings of the physical robot, replayed; the first action is drawn, the "
-        "others chosen or drawn. Named: the summed probability has passed 0.9 within "
-        "that many actions. Each reading is compared with the reading when whole plus "
-        "the predicted change. Every other leg passed 0.9 at any time in "
+        "Readings of the physical robot, replayed; actions are chosen or drawn. Named: "
+        "the summed probability has passed 0.9 within that many actions. Each reading "
+        "is compared with the reading when whole plus the predicted change. Every "
+        "other leg passed 0.9 at any time in "
         f"{sum(map(_names_whole_leg, real.values()))} of {len(real)} repeats."
     )
     head = ("named", "actions", *(f"<= {n}" for n in _COUNTS))
@@ -173,12 +173,11 @@ def _make_heals_section(heals: Records) -> Section:
     text = (
         "From `identify` on: hidden robots with their own physics, a self-model found "
         "by the default run of 16 actions, a gait, a damage, the alarm, actions, a new "
-        "gait. Over the gait made knowing the true damaged body, 10th percentile, "
-        f"median, 90th: healed {far[0]}; the old gait on "
-        f"the damaged body {far[1]}; the whole robot "
-        f"{far[2]}. Walked over predicted, median: whole "
-        f"{kept[0]}, healed "
-        f"{kept[1]}. Wrong kind or part: "
+        "gait. Known is the gait made knowing the true damaged body, by the same "
+        "searches and the same trials on the broken robot as the healed one. Over it, "
+        f"10th percentile, median, 90th: healed {far[0]}; the old gait on the damaged "
+        f"body {far[1]}; the whole robot {far[2]}. Walked over predicted, median: "
+        f"whole {kept[0]}, healed {kept[1]}. Wrong kind or part: "
         f"{dict(wrong) or 'none'}."
     )
     return Section("Heals", text, head, rows)

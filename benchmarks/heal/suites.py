@@ -14,7 +14,12 @@ from selfheal.engine.plant import apply_damages, build_rated_plant
 from selfheal.engine.walk import compute_channels, list_channels, rotate_into_frame
 from selfheal.gait.pattern import find_pattern
 from selfheal.gait.rival_bodies import select_rival_bodies
-from selfheal.gait.synthesis import Gait, project_on_heading, synthesize_gait, walk_gait
+from selfheal.gait.synthesis import (
+    Gait,
+    project_on_heading,
+    synthesize_gaits,
+    walk_gait,
+)
 from selfheal.recording import read
 from selfheal.recovery.heal import heal_robot
 from selfheal.recovery.monitor import learn_baseline, watch_walk
@@ -91,7 +96,7 @@ def list_gait_runs(count: int) -> KeyedRuns:
 def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
     start = time.perf_counter()
-    gait = synthesize_gait(
+    (gait,) = synthesize_gaits(
         [build_rated_plant(load_published_body())],
         name=name,
         heading=heading,
@@ -248,8 +253,8 @@ def _synthesize_known_gaits() -> list[Gait]:
     """Gaits for `alarms`: short searches are enough for walks that are only watched."""
     if not _GAITS:
         for seed in range(3):
-            _GAITS.append(
-                synthesize_gait(
+            _GAITS.extend(
+                synthesize_gaits(
                     [build_rated_plant(load_published_body())], seed=FIRST + 200 + seed
                 )
             )

@@ -15,7 +15,9 @@ Progress = Callable[[str, float], None]
 
 # Chosen on development seeds: of what a search costs, most goes to the best of its
 # starts. A rung: how many searches live, generations, seconds that each gait is tried.
-_RUNGS = ((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0))
+Rungs = Sequence[tuple[int, int, float]]
+ONE_GAIT: Rungs = ((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0))
+THREE_GAITS: Rungs = ((6, 10, 5.0), (3, 20, 5.0), (3, 30, 10.0))
 _STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
 _RANDOM = 192  # gaits drawn before the searches start
 _CHILDREN, _STEP = 14, 0.4
@@ -173,32 +175,34 @@ class _GaitSearch:
         return np.where(walks.failed, -np.inf, fit)
 
 
-def synthesize_gait(
+def synthesize_gaits(
     plants: Sequence[Plant],
     *,
+    rungs: Rungs = ONE_GAIT,
     weights: Sequence[float] | Floats = (1.0,),
     name: str = "waves",
     heading: float = 0.0,
     seed: int = 0,
     start: Gait | None = None,
     progress: Progress = lambda what, share: None,
-) -> Gait:
-    """A gait for a robot that may be any of these plants, each a little otherwise.
+) -> list[Gait]:
+    """Gaits for a robot that may be any of these plants, each a little otherwise.
 
     Args:
         plants: (K) rival self-models.
+        rungs: by which searches are halved; each that is left at the end gives a gait.
         weights: (K) how likely each is [1].
-        name: of the gait's pattern.
+        name: of the gaits' pattern.
         heading: direction to walk [rad].
         seed: of everything random.
         start: a gait that one of the searches starts from.
         progress: told what is done and how much of it.
     """
     search = _GaitSearch(plants, weights, name, heading, np.random.default_rng(seed))
-    lives = _start_searches(search, start)
-    total = sum(count * times * seconds for count, times, seconds in _RUNGS)
+    lives = _start_searches(search, start, rungs[0])
+    total = sum(count * times * seconds for count, times, seconds in rungs)
     done = 0.0
-    for count, generations, seconds in _RUNGS:
+    for count, generations, seconds in rungs:
         lives = sorted(lives, key=lambda life: -life[0])[:count]
         after = []
         for score, state in lives:
@@ -208,21 +212,19 @@ def synthesize_gait(
                 progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
             after.append((score, state))
         lives = after
-    found = Gait(name, lives[0][1].mean, heading, 0.0, 0.0, 0.0,
-                 search.simulations, search.failed)  # fmt: skip
-    return evaluate_gait(plants, found, weights=weights, seed=seed)
+    found = [Gait(name, state.mean, heading, 0.0, 0.0, 0.0,
+                  search.simulations, search.failed) for _, state in lives]  # fmt: skip
+    return [evaluate_gait(plants, gait, weights=weights, seed=seed) for gait in found]
 
 
 def _start_searches(
-    search: _GaitSearch, start: Gait | None
+    search: _GaitSearch, start: Gait | None, rung: tuple[int, int, float]
 ) -> list[tuple[float, CmaState]]:
     """Where searches begin: the old gait, and the best of many random ones."""
-    genes = _draw_genes(search)
-    scores = search.score_genes(genes, _RUNGS[0][2])
+    genes, (count, _, seconds) = _draw_genes(search), rung
+    scores = search.score_genes(genes, seconds)
     order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
-    lives = [
-        (float(scores[i]), start_search(genes[i], _STEP)) for i in order[: _RUNGS[0][0]]
-    ]
+    lives = [(float(scores[i]), start_search(genes[i], _STEP)) for i in order[:count]]
     if start is not None and start.pattern == search.pattern.name:
         lives[-1] = (np.inf, start_search(start.genes, _AGAIN_STEP))
     return lives

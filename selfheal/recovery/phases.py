@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,11 +19,13 @@ from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walk
 from ..errors import InputError
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import (
+    ONE_GAIT,
+    THREE_GAITS,
     Gait,
     evaluate_gait,
     measure_way,
     project_on_heading,
-    synthesize_gait,
+    synthesize_gaits,
 )
 from ..recording import Recording
 from ..robot.base import Walker
@@ -47,11 +50,6 @@ ROWS = round(SECONDS / SAMPLE)
 # another body than the gait was made for; chosen
 _FAR_ENOUGH = 0.5
 _MOST_SHOWN = 6  # hypotheses in the result
-_HARMLESS_KINDS = (
-    "none",
-    "sensor_dead",
-    "weak_sensor",
-)  # kinds after which the old gait is as good as ever
 
 Progress = Callable[[str, str, float], None]
 
@@ -110,6 +108,9 @@ class HealPhases:
         """See `heal.heal_robot` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
         self.past, self.model = past, models[[0]]
+        self.search = partial(
+            synthesize_gaits, name=settings.gait, heading=settings.heading
+        )
         rated = [build_rated_plant(models[[k]]) for k in range(len(models))]
         self.plants = [apply_damages(plant, *past.believed) for plant in rated]
         self.weights = weights
@@ -149,26 +150,12 @@ class HealPhases:
                 return name, phase(done)
         return None
 
-    def _synthesize_gait(
-        self,
-        name: str,
-        plants: Sequence[Plant],
-        weights: Sequence[float] | Floats,
-        seed: int,
-        start: Gait | None = None,
-    ) -> Gait:
-        """A gait, with progress."""
-        return synthesize_gait(
-            plants, weights=weights, name=self.settings.gait,
-            heading=self.settings.heading, seed=seed, start=start,
-            progress=lambda what, share: self.progress(name, what, share),
-        )  # fmt: skip
-
     def _make_first_gait(self, done: Mapping[str, Phase]) -> Phase:
         """A gait for the whole robot."""
-        gait = self._synthesize_gait(
-            "gait", self.plants, self.weights, self.settings.seed
-        )
+        (gait,) = self.search(
+            self.plants, rungs=ONE_GAIT, weights=self.weights, seed=self.settings.seed,
+            progress=partial(self.progress, "gait"),
+        )  # fmt: skip
         return {"gait": serialize_gait(gait)}
 
     def _walk_robot(
@@ -301,72 +288,71 @@ class HealPhases:
             for b in believed[:_MOST_HYPOTHESES]
             if b["probability"] >= _LEAST_PROBABILITY
         ]
-        if likely[0]["kind"] in _HARMLESS_KINDS:
+        if likely[0]["kind"] == "none":  # it is what the old gait was made for
             return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
         for b in likely:
             for plant, weight in zip(self.plants, self.weights, strict=True):
                 plants.append(apply_damages(plant, read_damage(b)))
                 weights.append(b["probability"] * weight)
-        gait = self._choose_gait("healed", plants, weights, old)
+        gait = self._try_gaits("healed", plants, weights, old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _choose_gait(
+    def _try_gaits(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
-        """The better of a new gait and the old one, as the broken robot walks them."""
-        new, again = self._compare_gaits(name, plants, weights, old)
-        if new.predicted <= again.predicted:
-            return again
-        way = []
-        for trial, gait in ((150, new), (151, old)):
-            self.progress(name, "trying it against the old one", 1.0)
-            path = read_position(
-                self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
-            )
-            way.append(self._measure_distance(path))
-        return new if way[0] >= way[1] else again
+        """Of new gaits and the old one that which gets the broken robot farthest.
 
-    def _compare_gaits(
-        self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
-    ) -> tuple[Gait, Gait]:
-        """A new gait and the old one, each with what is predicted of it."""
+        Args:
+            name: of the phase.
+            plants: what the robot may be.
+            weights: how likely each is [1].
+            old: gait, from which one of the searches starts.
+        """
         seed = self.settings.seed + 1
-        new = self._synthesize_gait(name, plants, weights, seed, old)
-        return new, evaluate_gait(plants, old, weights=weights, seed=seed)
+        new = self.search(
+            plants, rungs=THREE_GAITS, weights=weights, seed=seed, start=old,
+            progress=partial(self.progress, name),
+        )  # fmt: skip
+        rivals = [*new, evaluate_gait(plants, old, weights=weights, seed=seed)]
+        ways = []
+        for k, gait in enumerate(rivals):
+            self.progress(name, f"walking gait {k + 1} of {len(rivals)}", 1.0)
+            ways.append(self._walk_damaged(gait, 150 + k)["distance"])
+        return rivals[int(np.argmax(np.nan_to_num(ways, nan=-np.inf)))]
+
+    def _walk_damaged(self, gait: Gait, trial: int) -> dict[str, Any]:
+        """A gait on the broken robot: its path, and how far it came."""
+        walked = self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
+        path = self._extract_path(walked)
+        return {**path, "distance": self._measure_distance(path["position"])}
 
     def _walk_both_gaits(self, done: Mapping[str, Phase]) -> Phase:
         """The old and the new gait on the broken robot."""
         found: dict[str, Any] = {}
-        for trial, name in ((200, "gait"), (201, "healed")):
-            self.progress("walked", f"{name} on the broken robot", 0.5 * (trial - 200))
-            gait = read_gait(done[name])
-            path = self._extract_path(
-                self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
-            )
-            what = {"gait": "damaged", "healed": "healed"}[name]
-            found |= {f"{what}_{k}": v for k, v in path.items()}
-            found[what] = self._measure_distance(path["position"])
+        both = {"damaged": "gait", "healed": "healed"}
+        for k, (what, name) in enumerate(both.items()):
+            self.progress("walked", f"{name} on the broken robot", 0.5 * k)
+            walk = self._walk_damaged(read_gait(done[name]), 200 + k)
+            found[what] = walk.pop("distance")
+            found |= {f"{what}_{key}": values for key, values in walk.items()}
         return found
 
     def _walk_first_gait(self, done: Mapping[str, Phase]) -> Phase:
         """For the report alone: the whole robot's gait on what the robot is now."""
         assert self.past.first is not None
-        walked = self._walk_robot(self.robots.damaged, self.past.first, SECONDS, 203)
-        path = self._extract_path(walked)
-        return {**path, "distance": self._measure_distance(path["position"])}
+        return self._walk_damaged(self.past.first, 203)
 
     def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
-        """For the report alone: a gait for the true damaged body, walked."""
-        robot, old = self.robots.damaged, read_gait(done["gait"])
-        if robot.truth is None:
+        """For the report alone: what is found knowing the true damaged body, walked."""
+        truth = self.robots.damaged.truth
+        if truth is None:
             return {"distance": None}
-        plant = apply_damages(build_rated_plant(robot.truth), *self.settings.damage)
-        rivals = self._compare_gaits("known", [plant], [1.0], old)
-        gait = max(rivals, key=lambda gait: gait.predicted)
-        path = read_position(self._walk_robot(robot, gait, SECONDS, 202))
-        return {"gait": serialize_gait(gait), "distance": self._measure_distance(path)}
+        plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
+        gait = self._try_gaits("known", [plant], [1.0], read_gait(done["gait"]))
+        walk = self._walk_damaged(gait, 202)
+        return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 
 
 def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:

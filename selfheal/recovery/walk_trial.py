@@ -8,7 +8,13 @@ from ..body.body import GRAVITY, Bodies
 from ..engine.plant import build_rated_plant
 from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies
-from ..gait.synthesis import Progress, project_on_heading, synthesize_gait, walk_gait
+from ..gait.synthesis import (
+    ONE_GAIT,
+    Progress,
+    project_on_heading,
+    synthesize_gaits,
+    walk_gait,
+)
 from ..robot.base import Walker
 from ..robot.read_channels import read_position
 from ..selfmodel.run import Run
@@ -39,8 +45,9 @@ def walk_trial(
     """
     models, weights = select_rival_bodies(run)
     plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
-    gait = synthesize_gait(
+    (gait,) = synthesize_gaits(
         plants,
+        rungs=ONE_GAIT,
         weights=weights,
         name=name,
         heading=heading,

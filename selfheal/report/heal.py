@@ -286,6 +286,6 @@ def _make_gaits_section(run: HealRun) -> Section:
                      seconds))  # fmt: skip
     head = ("gait", "pattern", "cycle [s]", "predicted [m]", "80 % of robots",
             "simulations", "failed", "time [s]")  # fmt: skip
-    kept = "The old gait was kept: it is as good as a new one."
+    kept = "The old gait was kept: no better one was found."
     body = [kept] if run.phases["healed"]["kept"] else []
     return Section("Gaits", (make_table(head, rows, "llrrrrrr"), *body))

@@ -9,12 +9,13 @@ from selfheal.gait.synthesis import (
     Gait,
     evaluate_gait,
     project_on_heading,
-    synthesize_gait,
+    synthesize_gaits,
     walk_gait,
 )
 from selfheal.robot.actions import load_published_body
 
 PLANT = build_rated_plant(load_published_body())
+SHORT = ((2, 3, 2.0), (1, 6, 2.0))
 
 
 def test_heading_turns_the_way():
@@ -25,13 +26,14 @@ def test_heading_turns_the_way():
 
 @pytest.fixture
 def short(monkeypatch):
-    """A search that takes a second."""
-    monkeypatch.setattr(synthesis, "_RUNGS", ((2, 3, 2.0), (1, 6, 2.0)))
+    """Searches that start from few gaits."""
     monkeypatch.setattr(synthesis, "_RANDOM", 12)
 
 
 def test_synthesis_repeats_and_beats_standing_still(short):
-    first, again = (synthesize_gait([PLANT], seed=5) for _ in range(2))
+    (first,), (again,) = (
+        synthesize_gaits([PLANT], rungs=SHORT, seed=5) for _ in range(2)
+    )
     assert np.array_equal(first.genes, again.genes)
     assert first.predicted == again.predicted
     assert first.low <= first.predicted <= first.high
@@ -39,12 +41,20 @@ def test_synthesis_repeats_and_beats_standing_still(short):
     assert first.simulations == 12 + (2 * 3 + 6) * 14 + 16
 
 
+def test_each_search_that_is_left_gives_a_gait(short):
+    gaits = synthesize_gaits([PLANT], rungs=((3, 1, 2.0), (2, 1, 2.0)), seed=5)
+    assert len(gaits) == 2
+    assert not np.array_equal(gaits[0].genes, gaits[1].genes)
+    assert {gait.simulations for gait in gaits} == {12 + (3 + 2) * 14 + 16}
+
+
 @pytest.mark.slow
 def test_a_search_from_a_good_gait_keeps_it(short):
     good = max(
-        (synthesize_gait([PLANT], seed=s) for s in (5, 6)), key=lambda g: g.predicted
+        (synthesize_gaits([PLANT], rungs=SHORT, seed=s)[0] for s in (5, 6)),
+        key=lambda g: g.predicted,
     )
-    again = synthesize_gait([PLANT], seed=9, start=good)
+    (again,) = synthesize_gaits([PLANT], rungs=SHORT, seed=9, start=good)
     assert again.predicted > 0.5 * good.predicted
 
 

@@ -88,13 +88,13 @@ def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
         Gait("waves", genes, 0.0, 9.0, 9.0, 9.0, 0, 0) for genes in (GENES, 0 * GENES)
     )
     new, old = (good, idle) if new_is_good else (idle, good)
-    monkeypatch.setattr(phases, "synthesize_gait", lambda *a, **k: new)
+    monkeypatch.setattr(phases, "synthesize_gaits", lambda *a, **k: [new])
     settings = HealSettings("", parse_damages("friction:0.8", BODY.anatomy), 12.0)
     robots = make_robot_states(robot(), settings)
     work = phases.HealPhases(
         robots, BODY, np.ones(1), settings, lambda *told: None, phases.Past()
     )
-    assert work._choose_gait("healed", work.plants, [1.0], old).genes is good.genes
+    assert work._try_gaits("healed", work.plants, [1.0], old).genes is good.genes
 
 
 def test_a_finished_heal_is_not_done_again(steps, tmp_path):

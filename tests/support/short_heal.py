@@ -10,7 +10,7 @@ from selfheal.body.genome import Genomes, encode_tree
 from selfheal.gait import synthesis
 from selfheal.gait.synthesis import Gait
 from selfheal.recording import Recording
-from selfheal.recovery import hypotheses, plausible_plants
+from selfheal.recovery import hypotheses, phases, plausible_plants, walk_trial
 from selfheal.report import heal as heal_page
 from selfheal.report import hours as hours_page
 from selfheal.robot.actions import load_published_body
@@ -37,7 +37,12 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
     They start from a gait that walks; hypotheses are few; pages have no film.
     """
     real = synthesis._draw_genes
-    patch(synthesis, "_RUNGS", ((1, 2, 2.0),))
+    for module, name in (
+        (phases, "ONE_GAIT"),
+        (phases, "THREE_GAITS"),
+        (walk_trial, "ONE_GAIT"),
+    ):
+        patch(module, name, ((1, 2, 2.0),))
     patch(synthesis, "_RANDOM", 2)
     patch(synthesis, "_draw_genes", lambda search: 0 * real(search) + GENES)
     patch(synthesis, "_STEP", 0.02)
