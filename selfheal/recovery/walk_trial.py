@@ -46,14 +46,9 @@ def walk_trial(
     models, weights = select_rival_bodies(run)
     plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
     (gait,) = synthesize_gaits(
-        plants,
-        rungs=ONE_GAIT,
-        weights=weights,
-        name=name,
-        heading=heading,
-        seed=seed,
-        progress=progress,
-    )
+        plants, rungs=ONE_GAIT, weights=weights, name=name, heading=heading,
+        seed=seed, progress=progress,
+    )  # fmt: skip
     path = read_position(robot.move(gait.commands(run.anatomy.size)))
     along, across = project_on_heading(path[-1], heading)
     energy = float(walk_gait(plants[:1], gait).energy[0])
