@@ -4,12 +4,14 @@
     python -m benchmarks.hardening fuzz --kind KIND --seed SEED [--keep FOLDER]
     python -m benchmarks.hardening disk [--count SIZES]
     python -m benchmarks.hardening kills [--count KILLS]
+    python -m benchmarks.hardening short [--count DIAGNOSES]
     python -m benchmarks.hardening page
 
 Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
-out what is there already; `page` makes docs/results/hardening.md of them. With a kind
-alone, N mutants of that kind are tried. With a kind and a seed, one mutant is tried
-again and nothing is kept but what --keep names.
+out what is there already; `page` makes docs/results/hardening.md of them. `short` has a
+page of its own, docs/results/short-logs.md. With a kind alone, N mutants of that kind
+are tried. With a kind and a seed, one mutant is tried again and nothing is kept but
+what --keep names.
 """
 
 import json
@@ -31,9 +33,10 @@ def main() -> None:
     from benchmarks.hardening.kills import list_kill_runs
     from benchmarks.hardening.originals import KINDS
     from benchmarks.hardening.page import write_page
+    from benchmarks.hardening.short_logs import publish_short_logs
 
     line = make_parser(__doc__ or "")
-    line.add_argument("study", choices=("fuzz", "disk", "kills", "page"))
+    line.add_argument("study", choices=("fuzz", "disk", "kills", "short", "page"))
     line.add_argument("--count", type=int, default=0)
     line.add_argument("--kind", choices=KINDS)
     line.add_argument("--seed", type=int)
@@ -45,6 +48,8 @@ def main() -> None:
         _try_one(asked)
     elif asked.study == "page":
         write_page(asked.root)
+    elif asked.study == "short":
+        publish_short_logs(asked.root, asked.count or 300)
     elif asked.study == "fuzz":
         done = read_records("hardening", "fuzz")
         mutants = list_mutants(

@@ -37,7 +37,7 @@ _BINARY: tuple[Mutate, ...] = (mutate_bytes, mutate_hdf5, mutate_hdf5)
 _XML: tuple[Mutate, ...] = (mutate_bytes, mutate_xml, mutate_xml, mutate_xml)
 _JSON: tuple[Mutate, ...] = (mutate_bytes, mutate_json, mutate_json, mutate_json)
 _PAUSE = 5.0  # [s] after which a search that shows progress is taken for a good one
-_MADE = 60.0  # [s] that making an original may take
+_MADE = 300.0  # [s] that making an original may take
 
 
 @dataclass(frozen=True)
