@@ -143,17 +143,19 @@ def list_mutants(count: int, kinds: Sequence[str] = KINDS) -> list[tuple[str, in
     return [(kinds[k % len(kinds)], k // len(kinds)) for k in range(count)]
 
 
-def list_runs(mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
-    """A run for each mutant; as many processes as cores do them ahead."""
-    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        pool = ProcessPoolExecutor(
-            count_cores(),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=open_workshop,
-            initargs=(Path(place),),
-        )
-        with pool:
-            made = [(f"{kind} {seed}", pool.submit(try_mutant, kind, seed))
-                    for kind, seed in mutants]  # fmt: skip
-            for key, future in made:
-                yield key, partial(future.result)
+def list_runs(place: Path, mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
+    """A run for each mutant; as many processes as cores do them ahead.
+
+    Args:
+        place: a folder, which has to be there until all are done.
+        mutants: kinds and seeds.
+    """
+    pool = ProcessPoolExecutor(
+        count_cores(),
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=open_workshop,
+        initargs=(place,),
+    )
+    made = [(f"{kind} {seed}", pool.submit(try_mutant, kind, seed))
+            for kind, seed in mutants]  # fmt: skip
+    return [(key, partial(future.result)) for key, future in made]
