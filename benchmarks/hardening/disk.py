@@ -21,7 +21,7 @@ from benchmarks.hardening.commands import (
     run_writer,
 )
 from benchmarks.hardening.judge import Fault, list_faults
-from benchmarks.hardening.kills import call_at_writes
+from benchmarks.hardening.kills import call_at_writes, note, read_largest
 from benchmarks.hardening.process import Ended, load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -87,16 +87,14 @@ def _measure_need(name: str, start: Path, place: Path) -> int:
     told = folder / "used"
     with mount_disk(folder / OUT, _LARGE):
 
-        def note(moment: int) -> None:
-            used = shutil.disk_usage(folder / OUT).used // 1024
-            before = int(told.read_text()) if told.exists() else 0
-            told.write_text(str(max(used, before)))
+        def tell_used(moment: int) -> None:
+            note(told, shutil.disk_usage(folder / OUT).used // 1024)
 
-        prepare = partial(call_at_writes, note, folder / OUT)
+        prepare = partial(call_at_writes, tell_used, folder / OUT)
         ended = run_writer(COMMANDS[name].start, folder, prepare=prepare)
         if ended.code != 0:
             raise RuntimeError(ended.said)
-    return int(told.read_text())
+    return read_largest(told)
 
 
 def try_disk(name: str, start: Path, variant: str, size: int) -> Record:

@@ -78,8 +78,15 @@ def _kill_at(moment: int, done: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _note(file: Path, done: int) -> None:
-    file.write_text(str(done))
+def note(file: Path, number: int) -> None:
+    """Write a number behind those that a file has; several threads may."""
+    with file.open("a") as out:
+        out.write(f"{number}\n")
+
+
+def read_largest(file: Path) -> int:
+    """The largest number that was noted."""
+    return max(map(int, file.read_text().split()))
 
 
 def list_kill_runs(place: Path, count: int) -> KeyedRuns:
@@ -93,12 +100,13 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     make_inputs(place / "inputs")
     for name in COMMANDS:
         whole = copy_folder(place / "inputs", place / name)
-        note = partial(_note, whole / _COUNT)
+        count_up = partial(note, whole / _COUNT)
         ended = run_writer(COMMANDS[name].start, whole,
-                           prepare=partial(call_at_writes, note, whole))  # fmt: skip
+                           prepare=partial(call_at_writes, count_up, whole)
+                           )  # fmt: skip
         if ended.code:
             raise RuntimeError(ended.said)
-        most, each = int((whole / _COUNT).read_text()), count // len(COMMANDS)
+        most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
         moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
         for moment in map(int, moments):
             play = partial(try_kill, name, place / "inputs", whole, moment)
