@@ -104,7 +104,7 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
         ended = run_writer(COMMANDS[name].start, whole,
                            prepare=partial(call_at_writes, count_up, whole)
                            )  # fmt: skip
-        if ended.code:
+        if ended.code != 0:
             raise RuntimeError(ended.said)
         most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
         moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
