@@ -141,7 +141,7 @@ def _remove_abandoned(target: Path) -> None:
             path.unlink()
 
 
-class _ForgivingFile(io.RawIOBase):
+class _ForgivingFile(io.FileIO):
     """A file for HDF5 to write, which never fails: what went wrong is kept.
 
     On a full disk HDF5 itself fails while it closes a file, with a segmentation fault
@@ -151,33 +151,11 @@ class _ForgivingFile(io.RawIOBase):
         error: the first one, after which nothing is written; None if all went well.
     """
 
-    def __init__(self, raw: io.FileIO) -> None:
-        self._raw = raw
-        self.error: OSError | None = None
-
-    def readable(self) -> bool:
-        """True: HDF5 reads again what it wrote."""
-        return True
-
-    def writable(self) -> bool:
-        """True."""
-        return True
-
-    def seekable(self) -> bool:
-        """True."""
-        return True
-
-    def seek(self, offset: int, whence: int = 0) -> int:
-        """Move as `io.FileIO.seek` does."""
-        return self._raw.seek(offset, whence)
-
-    def tell(self) -> int:
-        """The position in the file [B]."""
-        return self._raw.tell()
+    error: OSError | None = None
 
     def readinto(self, buffer: Any) -> int:
         """Fill a buffer; what was never written reads as zeros."""
-        count = self._raw.readinto(buffer)
+        count = super().readinto(buffer) or 0
         view = memoryview(buffer).cast("B")
         view[count:] = bytes(len(view) - count)
         return len(view)
@@ -187,7 +165,7 @@ class _ForgivingFile(io.RawIOBase):
         view, done = memoryview(content).cast("B"), 0
         try:
             while done < len(view) and self.error is None:
-                done += self._raw.write(view[done:])
+                done += super().write(view[done:])
         except OSError as error:
             self.error = error
         return len(view)
@@ -197,7 +175,7 @@ class _ForgivingFile(io.RawIOBase):
         size = self.tell() if size is None else size
         try:
             if self.error is None:
-                self._raw.truncate(size)
+                super().truncate(size)
         except OSError as error:
             self.error = error
         return size
@@ -213,8 +191,7 @@ def atomic_hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
     """
     import h5py
 
-    with atomic_path(path) as temporary, io.FileIO(temporary, "r+") as raw:
-        disk = _ForgivingFile(raw)
+    with atomic_path(path) as temporary, _ForgivingFile(temporary, "r+") as disk:
         try:
             with h5py.File(disk, "w") as file:
                 yield file

@@ -4,12 +4,14 @@
     python -m benchmarks.hardening fuzz --kind KIND --seed SEED [--keep FOLDER]
     python -m benchmarks.hardening disk [--count SIZES]
     python -m benchmarks.hardening kills [--count KILLS]
+    python -m benchmarks.hardening short [--count DIAGNOSES]
     python -m benchmarks.hardening page
 
 Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
-out what is there already; `page` makes docs/results/hardening.md of them. With a kind
-alone, N mutants of that kind are tried. With a kind and a seed, one mutant is tried
-again and nothing is kept but what --keep names.
+out what is there already; `page` makes docs/results/hardening.md of them. `short` has a
+page of its own, docs/results/short-logs.md. With a kind alone, N mutants of that kind
+are tried. With a kind and a seed, one mutant is tried again and nothing is kept but
+what --keep names.
 """
 
 import json
@@ -26,14 +28,10 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads where forks beg
 
 def main() -> None:
     """Do the study that the command line names."""
-    from benchmarks.hardening.disk import list_disk_runs
-    from benchmarks.hardening.fuzz import list_mutants, list_runs
-    from benchmarks.hardening.kills import list_kill_runs
     from benchmarks.hardening.originals import KINDS
-    from benchmarks.hardening.page import write_page
 
     line = make_parser(__doc__ or "")
-    line.add_argument("study", choices=("fuzz", "disk", "kills", "page"))
+    line.add_argument("study", choices=("fuzz", "disk", "kills", "short", "page"))
     line.add_argument("--count", type=int, default=0)
     line.add_argument("--kind", choices=KINDS)
     line.add_argument("--seed", type=int)
@@ -41,34 +39,41 @@ def main() -> None:
     asked = line.parse_args()
     if asked.seed is not None and asked.kind is None:
         line.error("--seed needs --kind")
+    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
+        _do_study(asked, Path(place))
+
+
+def _do_study(asked: Namespace, place: Path) -> None:
+    """Do a study in a folder."""
+    from benchmarks.hardening import fuzz
+    from benchmarks.hardening.disk import list_disk_runs
+    from benchmarks.hardening.kills import list_kill_runs
+    from benchmarks.hardening.originals import KINDS
+    from benchmarks.hardening.page import write_page
+    from benchmarks.hardening.short_logs import publish_short_logs
+
     if asked.seed is not None:
-        _try_one(asked)
+        fuzz.open_workshop(place)
+        keep = asked.keep and asked.keep.resolve()
+        found = fuzz.try_mutant(asked.kind, asked.seed, keep)
+        print(found.pop("said"))
+        print(json.dumps(found, indent=1))
     elif asked.study == "page":
         write_page(asked.root)
-    elif asked.study == "fuzz":
-        done = read_records("hardening", "fuzz")
-        mutants = list_mutants(
-            asked.count or 10_000, (asked.kind,) if asked.kind else KINDS
-        )
-        left = [(k, s) for k, s in mutants if f"{k} {s}" not in done]
-        complete_suite("hardening", "fuzz", list_runs(left))
+    elif asked.study == "short":
+        publish_short_logs(asked.root, asked.count or 300)
     else:
-        runs, usual = {"disk": (list_disk_runs, 40), "kills": (list_kill_runs, 100)}[
-            asked.study
-        ]
-        complete_suite("hardening", asked.study, runs(asked.count or usual))
-
-
-def _try_one(asked: Namespace) -> None:
-    """Try one mutant, and print what came of it."""
-    from benchmarks.hardening.fuzz import open_workshop, try_mutant
-
-    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        open_workshop(Path(place))
-        keep = asked.keep and asked.keep.resolve()
-        found = try_mutant(asked.kind, asked.seed, keep)
-    print(found.pop("said"))
-    print(json.dumps(found, indent=1))
+        if asked.study == "fuzz":
+            kinds = (asked.kind,) if asked.kind else KINDS
+            mutants = fuzz.list_mutants(asked.count or 10_000, kinds)
+            done = read_records("hardening", "fuzz")
+            left = [(k, s) for k, s in mutants if f"{k} {s}" not in done]
+            runs = fuzz.list_runs(place, left)
+        elif asked.study == "disk":
+            runs = list_disk_runs(place, asked.count or 40)
+        else:
+            runs = list_kill_runs(place, asked.count or 100)
+        complete_suite("hardening", asked.study, runs)
 
 
 if __name__ == "__main__":

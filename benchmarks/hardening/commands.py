@@ -87,7 +87,7 @@ def make_inputs(folder: Path) -> None:
     folder.mkdir()
     for write in (write_small_files, write_identified_run):
         ended = run_forked(lambda write=write: write(folder), folder)  # type: ignore[misc]
-        if ended.code:
+        if ended.code != 0:
             raise RuntimeError(ended.said)
     (folder / "pipe").unlink()
     (folder / OUT).mkdir()
@@ -102,7 +102,7 @@ def make_earlier(name: str, folder: Path) -> None:
     """
     command = COMMANDS[name]
     ended = run_writer(command.start, folder)
-    if ended.code:
+    if ended.code != 0:
         raise RuntimeError(ended.said)
     if "--resume" in command.again:
         take_back(folder / command.main)

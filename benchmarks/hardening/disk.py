@@ -21,7 +21,7 @@ from benchmarks.hardening.commands import (
     run_writer,
 )
 from benchmarks.hardening.judge import Fault, list_faults
-from benchmarks.hardening.kills import call_at_writes
+from benchmarks.hardening.kills import call_at_writes, note, read_largest
 from benchmarks.hardening.process import Ended, load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -52,27 +52,27 @@ def mount_disk(place: Path, size: int) -> Iterator[None]:
         subprocess.run(["umount", "--lazy", place], check=True)
 
 
-def list_disk_runs(count: int) -> KeyedRuns:
+def list_disk_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and size, on disks that are small or filled in turns.
 
     Args:
+        place: a folder, which has to be there until all are done.
         count: of sizes, from 4 kB to what the command needs.
     """
     load_program()
-    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        inputs = Path(place) / "inputs"
-        make_inputs(inputs)
-        for name in COMMANDS:
-            earlier = copy_folder(inputs, Path(place) / name)
-            make_earlier(name, earlier)
-            need = _measure_need(name, inputs, Path(place) / f"need-{name}")
-            sizes = np.geomspace(_SMALLEST, 1.2 * need + _SMALLEST, count)
-            for k, size in enumerate(sizes):
-                variant = _VARIANTS[k % len(_VARIANTS)]
-                rounded = int(4 * np.ceil(size / 4))
-                start = earlier if variant == "filled" else inputs
-                play = partial(try_disk, name, start, variant, rounded)
-                yield f"{name} {variant} {k}", play
+    inputs = place / "inputs"
+    make_inputs(inputs)
+    for name in COMMANDS:
+        earlier = copy_folder(inputs, place / name)
+        make_earlier(name, earlier)
+        need = _measure_need(name, inputs, place / f"need-{name}")
+        sizes = np.geomspace(_SMALLEST, 1.2 * need + _SMALLEST, count)
+        for k, size in enumerate(sizes):
+            variant = _VARIANTS[k % len(_VARIANTS)]
+            rounded = int(4 * np.ceil(size / 4))
+            start = earlier if variant == "filled" else inputs
+            play = partial(try_disk, name, start, variant, rounded)
+            yield f"{name} {variant} {k}", play
 
 
 def _measure_need(name: str, start: Path, place: Path) -> int:
@@ -87,16 +87,14 @@ def _measure_need(name: str, start: Path, place: Path) -> int:
     told = folder / "used"
     with mount_disk(folder / OUT, _LARGE):
 
-        def note(moment: int) -> None:
-            used = shutil.disk_usage(folder / OUT).used // 1024
-            before = int(told.read_text()) if told.exists() else 0
-            told.write_text(str(max(used, before)))
+        def tell_used(moment: int) -> None:
+            note(told, shutil.disk_usage(folder / OUT).used // 1024)
 
-        prepare = partial(call_at_writes, note, folder / OUT)
+        prepare = partial(call_at_writes, tell_used, folder / OUT)
         ended = run_writer(COMMANDS[name].start, folder, prepare=prepare)
         if ended.code != 0:
             raise RuntimeError(ended.said)
-    return int(told.read_text())
+    return read_largest(told)
 
 
 def try_disk(name: str, start: Path, variant: str, size: int) -> Record:

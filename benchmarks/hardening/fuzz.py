@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -13,15 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.hardening.judge import list_faults
+from benchmarks.hardening.mutate_trees import Mutate
 from benchmarks.hardening.originals import (
     KINDS,
-    Mutate,
     Original,
     list_originals,
     make_originals,
 )
 from benchmarks.hardening.process import (
-    Ended,
     load_program,
     run_selfheal,
     stop_at_progress,
@@ -107,27 +106,16 @@ def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
         copy_with_mutant(folder, mutant, place)
         prepare = partial(stop_at_progress, mutant.original.pause)
         ended = run_selfheal(mutant.command.split(), place, prepare=prepare)
-        return describe_end(mutant, ended, place)
-
-
-def describe_end(mutant: Mutant, ended: Ended, place: Path) -> Record:
-    """The record of a mutant that was tried.
-
-    Args:
-        mutant: which.
-        ended: how its command ended.
-        place: folder in which it worked.
-    """
-    return {
-        "file": mutant.original.file,
-        "damage": mutant.mutate.__name__,
-        "command": mutant.command,
-        "code": ended.code,
-        "faults": [asdict(fault) for fault in list_faults(ended, place)],
-        "seconds": round(ended.seconds, 2),
-        "megabytes": round(ended.megabytes),
-        "said": ended.said[-2000:],
-    }
+        return {
+            "file": mutant.original.file,
+            "damage": mutant.mutate.__name__,
+            "command": mutant.command,
+            "code": ended.code,
+            "faults": [asdict(fault) for fault in list_faults(ended, place)],
+            "seconds": round(ended.seconds, 2),
+            "megabytes": round(ended.megabytes),
+            "said": ended.said[-2000:],
+        }
 
 
 def _find_originals(kind: str) -> Path:
@@ -155,24 +143,19 @@ def list_mutants(count: int, kinds: Sequence[str] = KINDS) -> list[tuple[str, in
     return [(kinds[k % len(kinds)], k // len(kinds)) for k in range(count)]
 
 
-def list_runs(mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
-    """A run for each mutant; as many processes as cores do them ahead."""
-    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        pool = ProcessPoolExecutor(
-            count_cores(),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=open_workshop,
-            initargs=(Path(place),),
-        )
-        with pool:
-            yield from _submit(pool, mutants)
+def list_runs(place: Path, mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
+    """A run for each mutant; as many processes as cores do them ahead.
 
-
-def _submit(
-    pool: ProcessPoolExecutor, mutants: Iterable[tuple[str, int]]
-) -> Iterator[tuple[str, partial[Record]]]:
-    """Keys and functions that wait for what the pool does."""
+    Args:
+        place: a folder, which has to be there until all are done.
+        mutants: kinds and seeds.
+    """
+    pool = ProcessPoolExecutor(
+        count_cores(),
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=open_workshop,
+        initargs=(place,),
+    )
     made = [(f"{kind} {seed}", pool.submit(try_mutant, kind, seed))
             for kind, seed in mutants]  # fmt: skip
-    for key, future in made:
-        yield key, partial(future.result)
+    return [(key, partial(future.result)) for key, future in made]

@@ -4,8 +4,7 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -79,40 +78,39 @@ def _kill_at(moment: int, done: int) -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
 
-def _note(file: Path, done: int) -> None:
-    file.write_text(str(done))
+def note(file: Path, number: int) -> None:
+    """Write a number behind those that a file has; several threads may."""
+    with file.open("a") as out:
+        out.write(f"{number}\n")
 
 
-def list_kill_runs(count: int) -> KeyedRuns:
+def read_largest(file: Path) -> int:
+    """The largest number that was noted."""
+    return max(map(int, file.read_text().split()))
+
+
+def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and moment.
 
     Args:
+        place: a folder, which has to be there until all are done.
         count: of kills, shared out to the commands.
     """
     load_program()
-    with _make_workshop() as place:
-        for name in COMMANDS:
-            whole = copy_folder(place / "inputs", place / name)
-            note = partial(_note, whole / _COUNT)
-            ended = run_writer(COMMANDS[name].start, whole,
-                               prepare=partial(call_at_writes, note, whole)
-                               )  # fmt: skip
-            if ended.code:
-                raise RuntimeError(ended.said)
-            most, each = int((whole / _COUNT).read_text()), count // len(COMMANDS)
-            moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
-            for moment in map(int, moments):
-                yield (
-                    f"{name} {moment} of {most}",
-                    partial(try_kill, name, place / "inputs", whole, moment),
-                )
-
-
-@contextmanager
-def _make_workshop() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        make_inputs(Path(place) / "inputs")
-        yield Path(place)
+    make_inputs(place / "inputs")
+    for name in COMMANDS:
+        whole = copy_folder(place / "inputs", place / name)
+        count_up = partial(note, whole / _COUNT)
+        ended = run_writer(COMMANDS[name].start, whole,
+                           prepare=partial(call_at_writes, count_up, whole)
+                           )  # fmt: skip
+        if ended.code != 0:
+            raise RuntimeError(ended.said)
+        most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
+        moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
+        for moment in map(int, moments):
+            play = partial(try_kill, name, place / "inputs", whole, moment)
+            yield f"{name} {moment} of {most}", play
 
 
 def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:

@@ -11,7 +11,7 @@ def mutate_bytes(content: bytes, seed: int) -> bytes:
     rng = np.random.default_rng(seed)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         if content:
-            content = _CHANGES[rng.integers(len(_CHANGES))](content, rng)
+            content = _change_block(content, rng)
     return content
 
 
@@ -22,48 +22,17 @@ def _draw_block(content: bytes, rng: np.random.Generator) -> slice:
     return slice(start, min(start + int(rng.integers(1, _BLOCK)), len(content)))
 
 
-def _replace_block(content: bytes, block: slice, new: bytes) -> bytes:
+def _change_block(content: bytes, rng: np.random.Generator) -> bytes:
+    """The content with a block overwritten, lost, repeated or cut, or bits flipped."""
+    block, kind = _draw_block(content, rng), rng.integers(7)
+    if kind == 0:
+        damaged = bytearray(content)
+        for _ in range(rng.integers(1, 9)):
+            damaged[_draw_block(content, rng).start] ^= 1 << int(rng.integers(8))
+        return bytes(damaged)
+    if kind == 1:
+        return content[: block.start]
+    old = content[block]
+    other = content[_draw_block(content, rng)][: len(old)]
+    new = (rng.bytes(len(old)), bytes(len(old)), b"", 2 * old, other)[kind - 2]
     return content[: block.start] + new + content[block.stop :]
-
-
-def _flip_bits(content: bytes, rng: np.random.Generator) -> bytes:
-    damaged = bytearray(content)
-    for _ in range(rng.integers(1, 9)):
-        damaged[_draw_block(content, rng).start] ^= 1 << int(rng.integers(8))
-    return bytes(damaged)
-
-
-def _overwrite(content: bytes, rng: np.random.Generator) -> bytes:
-    block = _draw_block(content, rng)
-    return _replace_block(content, block, rng.bytes(block.stop - block.start))
-
-
-def _zero(content: bytes, rng: np.random.Generator) -> bytes:
-    block = _draw_block(content, rng)
-    return _replace_block(content, block, bytes(block.stop - block.start))
-
-
-def _cut_end(content: bytes, rng: np.random.Generator) -> bytes:
-    return content[: _draw_block(content, rng).start]
-
-
-def _cut_block(content: bytes, rng: np.random.Generator) -> bytes:
-    return _replace_block(content, _draw_block(content, rng), b"")
-
-
-def _repeat_block(content: bytes, rng: np.random.Generator) -> bytes:
-    block = _draw_block(content, rng)
-    return _replace_block(content, block, 2 * content[block])
-
-
-def _swap_blocks(content: bytes, rng: np.random.Generator) -> bytes:
-    one, two = _draw_block(content, rng), _draw_block(content, rng)
-    size = min(one.stop - one.start, two.stop - two.start)
-    damaged = bytearray(content)
-    damaged[one.start : one.start + size] = content[two.start : two.start + size]
-    damaged[two.start : two.start + size] = content[one.start : one.start + size]
-    return bytes(damaged)
-
-
-_CHANGES = (_flip_bits, _overwrite, _zero, _cut_end, _cut_block, _repeat_block,
-            _swap_blocks)  # fmt: skip

@@ -12,31 +12,32 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks.hardening.log_files import ENCODERS, MODEL, OUT, write_logs
-from benchmarks.hardening.models import PART, RICH, URDF
+from benchmarks.hardening.log_files import ENCODERS, FILES, MODEL, OUT, write_logs
 from benchmarks.hardening.mutate_bytes import mutate_bytes
 from benchmarks.hardening.mutate_hdf5 import mutate_hdf5
-from benchmarks.hardening.mutate_json import mutate_json
 from benchmarks.hardening.mutate_logs import (
     make_column_mutation,
     mutate_gzip,
-    mutate_lines,
     mutate_mcap,
-    mutate_text,
-    mutate_toml,
     mutate_zip,
 )
-from benchmarks.hardening.mutate_xml import mutate_xml
+from benchmarks.hardening.mutate_trees import (
+    Mutate,
+    mutate_json,
+    mutate_lines,
+    mutate_text,
+    mutate_toml,
+    mutate_xml,
+)
 from benchmarks.hardening.process import Ended, run_forked, run_selfheal
 from benchmarks.writer import INTACT
 
 KINDS = ("recording", "model", "run", "study", "diagnosis", "logs")
-Mutate = Callable[[bytes, int], bytes]
 _BINARY: tuple[Mutate, ...] = (mutate_bytes, mutate_hdf5, mutate_hdf5)
 _XML: tuple[Mutate, ...] = (mutate_bytes, mutate_xml, mutate_xml, mutate_xml)
 _JSON: tuple[Mutate, ...] = (mutate_bytes, mutate_json, mutate_json, mutate_json)
 _PAUSE = 5.0  # [s] after which a search that shows progress is taken for a good one
-_MADE = 60.0  # [s] that making an original may take
+_MADE = 300.0  # [s] that making an original may take
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ _ORIGINALS = {
         _make_log("log.tsv"),
         _make_log("log.csv.gz", mutate_gzip),
         _make_log("log.parquet"),
-        _make_log("lerobot/data/chunk-000/file-000.parquet", log="lerobot",
+        _make_log("lerobot/data/chunk-000/episode_000000.parquet", log="lerobot",
                   map_file="lerobot.toml"),
         _make_log("lerobot/meta/info.json", mutate_json, log="lerobot",
                   map_file="lerobot.toml"),
@@ -154,7 +155,7 @@ _ORIGINALS = {
         _make_log("log.db3", map_file="bag.toml"),
         _make_log("log.mcap", mutate_mcap, map_file="bag.toml"),
         _make_log("packed.mcap", map_file="bag.toml"),
-        _make_log("json.mcap", map_file="bag.toml"),
+        _make_log("json.mcap", map_file="json.toml"),
         _make_log("map.toml", mutate_text, mutate_toml, mutate_toml, log="log.csv"),
         _make_log("bag.toml", mutate_text, mutate_toml, log="log.mcap",
                   map_file="bag.toml"),
@@ -192,9 +193,8 @@ def write_small_files(folder: Path) -> None:
     from tests.support.short_heal import BODY, record_walks
 
     (folder / "model.xml").write_text(ROBOTS["arm"].xml)
-    (folder / "rich.xml").write_text(RICH)
-    (folder / "part.xml").write_text(PART)
-    (folder / "arm.urdf").write_text(URDF)
+    for name in ("rich.xml", "part.xml", "arm.urdf"):
+        shutil.copy(FILES / name, folder)
     (folder / "asset.obj").write_text(CUBE.format(0.02))
     (folder / "asset.bin").write_bytes(np.random.default_rng(0).bytes(4000))
     os.mkfifo(folder / "pipe")

@@ -6,21 +6,21 @@ does itself.
 
 import faulthandler
 import importlib
+import multiprocessing
 import os
 import pkgutil
 import resource
-import select
 import signal
 import sys
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 from benchmarks.hardening.short_searches import shorten_searches
+from selfheal.machine import measure_peak_memory
 
 MOST_SECONDS = 20.0  # of a command; chosen
 _MOST_DATA = 3 * 2**30  # bytes that a command may ask for, so that the machine lives
@@ -36,7 +36,7 @@ class Ended:
         signal: name of that signal, "" if none.
         hung: whether it was stopped because it took too long.
         seconds: it took [s].
-        megabytes: peak of its memory [MB].
+        megabytes: peak of its memory [MB]; 0 where a signal ended it.
         printed: standard output.
         said: standard error.
     """
@@ -97,64 +97,57 @@ def run_forked(
         folder: in which it works.
         seconds: after which it is stopped [s].
     """
+    fork = multiprocessing.get_context("fork")
     with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as said:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        start = time.perf_counter()
-        child = os.fork()
-        if not child:
-            _play_and_leave(play, folder, printed, said)
-        hung = not _wait_for(child, seconds)
+        peak, start = fork.Value("d", 0.0), time.perf_counter()
+        child = fork.Process(target=_play, args=(play, folder, printed, said, peak))
+        child.start()
+        child.join(seconds)
+        hung = child.is_alive()
         if hung:  # abort shows the stack, where a process still listens to signals
-            os.kill(child, signal.SIGABRT)
-            if not _wait_for(child, 2.0):
-                os.killpg(child, signal.SIGKILL)
-        _, status, used = os.wait4(child, 0)
-        code = os.waitstatus_to_exitcode(status)
+            os.kill(child.pid or 0, signal.SIGABRT)
+            child.join(2.0)
+            child.kill()
+            child.join()
+        code = child.exitcode or 0
         return Ended(
             code=None if code < 0 else code,
             signal=signal.Signals(-code).name if code < 0 else "",
             hung=hung,
             seconds=time.perf_counter() - start,
-            megabytes=used.ru_maxrss / 1e3,
+            megabytes=peak.value,
             printed=_read_text(printed),
             said=_read_text(said),
         )
 
 
-def _wait_for(child: int, seconds: float) -> bool:
-    """Whether a process ends in time; it is left to be waited for."""
-    handle = os.pidfd_open(child)
-    try:
-        return bool(select.select([handle], [], [], seconds)[0])
-    finally:
-        os.close(handle)
-
-
-def _play_and_leave(
-    play: Callable[[], None], folder: Path, printed: IO[bytes], said: IO[bytes]
+def _play(
+    play: Callable[[], None],
+    folder: Path,
+    printed: IO[bytes],
+    said: IO[bytes],
+    peak: Any,
 ) -> None:
-    """Call the function in this process, which is the forked one, and end it."""
-    code: object = 1
+    """Call the function in this process, which is the forked one.
+
+    Args:
+        play: the function.
+        folder: in which it works.
+        printed: gets its standard output.
+        said: gets its standard error.
+        peak: gets the most memory that it had [MB].
+    """
+    os.chdir(folder)
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_DATA, (_MOST_DATA, _MOST_DATA))
+    os.dup2(printed.fileno(), 1)
+    os.dup2(said.fileno(), 2)
+    sys.stdout, sys.stderr = (open(f, "w", closefd=False) for f in (1, 2))
+    faulthandler.enable(sys.stderr)
     try:
-        os.setsid()
-        os.chdir(folder)
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_DATA, (_MOST_DATA, _MOST_DATA))
-        os.dup2(printed.fileno(), 1)
-        os.dup2(said.fileno(), 2)
-        sys.stdout, sys.stderr = (open(f, "w", closefd=False) for f in (1, 2))
-        faulthandler.enable(sys.stderr)
         play()
-        code = 0
-    except SystemExit as left:
-        code = left.code or 0
-    except BaseException:
-        traceback.print_exc()
     finally:
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code if isinstance(code, int) else 1)
+        peak.value = measure_peak_memory() / 1e6
 
 
 def _read_text(file: IO[bytes]) -> str:

@@ -1,13 +1,10 @@
 """Short logs: every one gets an answer or a refusal, never a traceback or a warning.
 
-    python -m benchmarks.hardening.short_logs [--every N] [--diagnoses N]
-
 Logs of 1 to 300 rows at 30 to 1000 Hz, in several shapes, are checked as by `selfheal
-recording check --model`; of these, N drawn at random are diagnosed as well, each search
-stopped after some seconds. Writes docs/results/short-logs.md.
+recording check --model`. Some drawn at random are diagnosed as well, each search
+stopped after some seconds.
 """
 
-import os
 import tempfile
 import warnings
 from collections import Counter
@@ -20,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.writer import Section, make_parser, publish_results
+from benchmarks.writer import Section, publish_results
 from selfheal.recording import Episode, Recording
 from tests.support.recorded_robots import ROBOTS, record
 
@@ -71,14 +68,14 @@ def list_shapes(recording: Recording, rows: int) -> Iterator[Case]:
         yield shape, replace(recording, episodes=named)
 
 
-def list_cases(every: int) -> Iterator[tuple[str, str, Recording]]:
-    """Robot, name and log of each case, of each so many lengths."""
+def list_cases() -> Iterator[tuple[str, str, Recording]]:
+    """Robot, name and log of each case."""
     for name in NAMES:
         for rate in RATES:
             whole = record(
                 ROBOTS[name], seconds=LONG / rate, rate=rate, finer=1, states=False
             )
-            for rows in ROWS[::every]:
+            for rows in ROWS:
                 for shape, recording in list_shapes(whole, rows):
                     yield name, f"{name} {rate} Hz {rows} rows, {shape}", recording
 
@@ -98,12 +95,12 @@ def attempt(act: Callable[[], Any]) -> str:
     return "answered"
 
 
-def run(every: int, diagnoses: int) -> dict[str, Any]:
+def run(diagnoses: int) -> dict[str, Any]:
     """Outcomes of checks and diagnoses by robot, and every fault."""
     from selfheal.api import diagnose
     from selfheal.telemetry import check_telemetry
 
-    cases = list(list_cases(every))
+    cases = list(list_cases())
     drawn = np.random.default_rng(0).permutation(len(cases))[:diagnoses]
     outcomes: dict[str, Counter[str]] = {name: Counter() for name in NAMES}
     faults: list[str] = []
@@ -147,18 +144,12 @@ def make_sections(data: dict[str, Any]) -> list[Section]:
     return [table, Section("Faults", each)]
 
 
-def main() -> None:
-    """Read the command line, run, write the page."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    line = make_parser(__doc__ or "")
-    line.add_argument("--every", type=int, default=1, help="of the numbers of rows")
-    line.add_argument("--diagnoses", type=int, default=300)
-    options = line.parse_args()
-    data = run(options.every, options.diagnoses)
-    publish_results(
-        options.root, "short-logs", "Logs of a few rows", make_sections(data), data
-    )
+def publish_short_logs(root: Path, count: int) -> None:
+    """Check all short logs, and write docs/results/short-logs.md.
 
-
-if __name__ == "__main__":
-    main()
+    Args:
+        root: folder of the repository.
+        count: of those that are diagnosed as well.
+    """
+    data = run(count)
+    publish_results(root, "short-logs", "Logs of a few rows", make_sections(data), data)

@@ -98,7 +98,9 @@ def check_rows(path: Path, rows: int) -> None:
 
 
 class LogFormat(ABC):
-    """A file format. Entry points of the group `selfheal.importers` name subclasses.
+    """A file format: a subclass in `logs.formats`, or one that an entry point names.
+
+    The group of entry points is `selfheal.importers`.
 
     Attributes:
         name: as messages and the documentation call it.

@@ -151,14 +151,7 @@ def _compare_clocks(
     model: "mujoco.MjModel",
     made: ImportReport,
 ) -> None:
-    """Note how the clocks of streams differ, as far as a part of an episode tells.
-
-    Args:
-        part: of an episode.
-        channels: that it was made of.
-        model: compiled.
-        made: to be noted in.
-    """
+    """Note how the clocks of streams differ, as far as a part of an episode tells."""
     streams = {n: channels[k].stream for k, n in name_signals(channels).items()}
     made.offsets = estimate_offsets(part, streams, model)
     sources = {c.target: c.stream for c in channels if c.kind == COMMAND and c.columns}

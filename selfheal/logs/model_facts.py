@@ -99,13 +99,7 @@ def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
 def _find_goal_units(
     model: "mujoco.MjModel", actuator: int, length: str
 ) -> dict[int, str]:
-    """Units of a servo's goals by their indices into ctrl; none of what is no servo.
-
-    Args:
-        model: compiled.
-        actuator: its number.
-        length: unit of the joint's position.
-    """
+    """Units of a servo's goals by their indices into ctrl; none of what is no servo."""
     import mujoco
 
     found, (gain, _) = dict[int, str](), get_servo_gains(model, actuator)

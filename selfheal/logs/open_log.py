@@ -1,11 +1,14 @@
 """Opens a log of any format that is installed: takes a path, gives the log."""
 
 import os
+import pkgutil
 from collections.abc import Iterator
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 
 from ..errors import InputError
+from . import formats
 from .base import Log, LogFormat
 from .formats.common import clean_text
 
@@ -13,7 +16,7 @@ GROUP = "selfheal.importers"
 
 
 def open_log(path: str | os.PathLike[str]) -> Log:
-    """Open the log at a path, which a format of the group `selfheal.importers` reads.
+    """Open the log at a path, which a format of ours or of an entry point reads.
 
     Raises:
         InputError: there is nothing, nobody recognizes it, or it is damaged.
@@ -58,7 +61,12 @@ def _check_names(log: Log) -> Log:
 
 
 def _load_formats(broken: list[str]) -> Iterator[LogFormat]:
-    """The formats, by the names of their entry points; adds why one does not load."""
+    """The formats of `formats`, and those of others; adds why one does not load."""
+    for found in pkgutil.iter_modules(formats.__path__, f"{formats.__name__}."):
+        for kind in vars(import_module(found.name)).values():
+            is_own = isinstance(kind, type) and kind.__module__ == found.name
+            if is_own and issubclass(kind, LogFormat):
+                yield kind()
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             yield point.load()()

@@ -59,12 +59,7 @@ def read(path: str | os.PathLike[str], *, model: str = MODEL) -> Recording:
 
 
 def _explain_import(path: str | os.PathLike[str], model: str = MODEL) -> str:
-    """How a log of another kind becomes a recording.
-
-    Args:
-        path: of the log.
-        model: of the robot.
-    """
+    """How a log of another kind becomes a recording."""
     words = ("selfheal", "recording", "import", os.fspath(path), "--model", model)
     command = shlex.join(words)
     return (

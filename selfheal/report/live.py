@@ -13,7 +13,7 @@ import numpy as np
 
 from ..body.body import Floats
 from ..diagnosis.output.result import Trace
-from .page import Html, escape_text
+from .page import Html, join_markup
 from .picture import BLUE, INK, MUTED, ORANGE
 
 if TYPE_CHECKING:
@@ -53,11 +53,10 @@ def make_live_curves(traces: Sequence[Trace], fig: "Figure") -> tuple[Html, list
     for k, (trace, axes) in enumerate(zip(traces, pairs, strict=True)):
         item = _escape(json.dumps(json_item(_draw_trace(trace, *axes))))
         calls.append(f"Bokeh.embed.embed_item({item}, 'live-{k}');")
-        title = escape_text(axes[0].get_title(loc="left"))
-        place = f'<div class="curves" id="live-{k}"></div>'
-        places.append(f"<div><p>{title}</p>{place}</div>")
-    inner = "".join(places)
-    return Html(f'<div class="live">{inner}</div>'), [library, "\n".join(calls)]
+        place = '<div><p>{}</p><div class="curves" id="live-{}"></div></div>'
+        places.append(Html(place).format(axes[0].get_title(loc="left"), k))
+    live = Html('<div class="live">{}</div>').format(join_markup(*places))
+    return live, [library, "\n".join(calls)]
 
 
 def _escape(text: str) -> str:

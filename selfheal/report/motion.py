@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from .page import Html, escape_text
+from .page import Html, make_figure
 from .picture import INK, LINE, MUTED, WIDTH
 
 if TYPE_CHECKING:
@@ -114,10 +114,8 @@ def embed_animation(picture: bytes, kind: str, caption: str) -> Html:
         caption: below it.
     """
     coded = base64.b64encode(picture).decode("ascii")
-    shown = f'<img alt="{escape_text(caption)}" src="data:image/{kind};base64,{coded}">'
-    return Html(
-        f"<figure>{shown}<figcaption>{escape_text(caption)}</figcaption></figure>"
-    )
+    shown = Html('<img alt="{}" src="data:image/{};base64,{}">')
+    return make_figure(shown.format(caption, kind, Html(coded)), caption=caption)
 
 
 def count_common_rows(lanes: Sequence[Lane]) -> int:

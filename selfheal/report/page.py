@@ -12,13 +12,25 @@ import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
+from typing import Self
+
+from markupsafe import Markup
 
 from ..files import write_text
 from ..printable import make_printable
 
 
-class Html(str):
-    """Text that is markup already; any other text is escaped."""
+class Html(Markup):
+    """Text that is markup already; any other that `format` or `join` puts in is not."""
+
+    @classmethod
+    def escape(cls, value: object, /) -> Self:
+        """Any value as markup: printable and escaped, unless it is `Html`."""
+        if isinstance(value, Markup):
+            return cls(value)
+        shown = make_printable(str(value), keep=SPACES, most=_LONGEST_TEXT)
+        return cls(html.escape(shown))
 
 
 @dataclass(frozen=True)
@@ -34,27 +46,19 @@ class Section:
     body: tuple[str, ...]
 
 
-def escape_text(value: object) -> Html:
-    """Any value as markup: escaped, unless it is `Html`."""
-    if isinstance(value, Html):
-        return value
-    shown = make_printable(str(value), keep=SPACES, most=_LONGEST_TEXT)
-    return Html(html.escape(shown))
-
-
 def join_markup(*pieces: object) -> Html:
     """Pieces one after the other."""
-    return Html("".join(map(escape_text, pieces)))
+    return NOTHING.join(map(Html.escape, pieces))
 
 
 def mark_text(value: object, kind: str) -> Html:
     """A piece of text in the color of a kind: "right", "wrong" or "soft"."""
-    return Html(f'<span class="{kind}">{escape_text(value)}</span>')
+    return Html('<span class="{}">{}</span>').format(kind, value)
 
 
 def make_paragraph(*pieces: object) -> Html:
     """A paragraph of pieces."""
-    return Html(f"<p>{join_markup(*pieces)}</p>")
+    return Html("<p>{}</p>").format(join_markup(*pieces))
 
 
 def make_table(
@@ -69,35 +73,41 @@ def make_table(
     """
     side = {"l": "", "r": ' class="n"'}
 
-    def line(tag: str, cells: Sequence[object]) -> str:
+    def line(tag: str, cells: Sequence[object]) -> Html:
         pairs = zip(cells, align, strict=True)
-        inner = "".join(f"<{tag}{side[a]}>{escape_text(c)}</{tag}>" for c, a in pairs)
-        return f"<tr>{inner}</tr>"
+        made = (f"<{tag}{side[a]}>{Html.escape(c)}</{tag}>" for c, a in pairs)
+        return Html(f"<tr>{''.join(made)}</tr>")
 
-    body = "\n".join(line("td", row) for row in rows)
+    body = Html("\n".join(line("td", row) for row in rows))
     return Html(
-        f'<div class="wide"><table><thead>{line("th", head)}</thead>\n'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+        '<div class="wide"><table><thead>{}</thead>\n<tbody>{}</tbody></table></div>'
+    ).format(line("th", head), body)
 
 
 def place_beside(*pieces: object) -> Html:
     """Pieces side by side, one below the other where the page is narrow."""
-    inner = "".join(f"<div>{escape_text(piece)}</div>" for piece in pieces)
-    return Html(f'<div class="beside">{inner}</div>')
+    inner = join_markup(*map(Html("<div>{}</div>").format, pieces))
+    return Html('<div class="beside">{}</div>').format(inner)
 
 
 def make_details(summary: str, *pieces: object) -> Html:
     """Something that a click opens."""
-    return Html(
-        f"<details><summary>{escape_text(summary)}</summary>{join_markup(*pieces)}</details>"
+    return Html("<details><summary>{}</summary>{}</details>").format(
+        summary, join_markup(*pieces)
     )
 
 
 def make_bullets(items: Iterable[object]) -> Html:
     """A list, an item a line."""
-    inner = "".join(f"<li>{escape_text(item)}</li>" for item in items)
-    return Html(f"<ul>{inner}</ul>" if inner else "")
+    inner = join_markup(*map(Html("<li>{}</li>").format, items))
+    return Html("<ul>{}</ul>").format(inner) if inner else NOTHING
+
+
+def make_figure(*pieces: object, caption: str) -> Html:
+    """Pictures, and what they show below them."""
+    return Html("<figure>{}<figcaption>{}</figcaption></figure>").format(
+        join_markup(*pieces), caption
+    )
 
 
 def make_bars(rows: Iterable[tuple[str, str, float]]) -> Html:
@@ -113,25 +123,23 @@ def make_bars(rows: Iterable[tuple[str, str, float]]) -> Html:
     def share(number: float) -> float:
         return min(max(number / full, 0.0), 1.0) if isfinite(number) else 0.0
 
-    inner = "".join(
-        f"<div><span>{escape_text(label)}</span><b>{escape_text(written)}</b>"
-        f'<i><i style="width:{100 * share(number):.1f}%"></i></i></div>'
-        for label, written, number in rows
+    bar = Html(
+        '<div><span>{}</span><b>{}</b><i><i style="width:{:.1f}%"></i></i></div>'
     )
-    return Html(f'<div class="bars">{inner}</div>')
+    inner = (bar.format(label, told, 100 * share(x)) for label, told, x in rows)
+    return Html('<div class="bars">{}</div>').format(join_markup(*inner))
 
 
 def format_diff(change: str) -> Html:
     """A unified diff, what is added and what is taken away in two colors."""
     lines = change.splitlines()
-    shown = "\n".join(
-        f"<span "
-        f'class="{_classify_line(line, at)}">{escape_text(_shorten_line(line))}</span>'
+    shown = Html("\n").join(
+        mark_text(_shorten_line(line), _classify_line(line, at))
         for at, line in enumerate(lines[:_MOST_LINES])
     )
     left = len(lines) - _MOST_LINES
     more = make_paragraph(mark_text(f"{left} more lines.", "soft")) if left > 0 else ""
-    return join_markup(Html(f'<pre class="diff">{shown}</pre>'), more)
+    return Html('<pre class="diff">{}</pre>{}').format(shown, more)
 
 
 def _classify_line(line: str, at: int) -> str:
@@ -163,18 +171,15 @@ def make_page(
         lead: a few sentences below the title.
         scripts: that it runs in the end, and no others: its policy has their digests.
     """
-    body = "\n".join(map(_format_section, sections))
-    policy = _make_policy(scripts)
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape_text(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
-        f"<header><h1>{escape_text(title)}</h1><p "
-        f'class="lead">{escape_text(lead)}</p></header>\n'
-        f"<main>\n{body}\n</main>\n"
-        + "".join(f"<script>{script}</script>\n" for script in scripts)
-        + "</body>\n</html>\n"
+    policy, style = _make_policy(scripts), _STYLE_FILE.read_text(encoding="utf-8")
+    run = join_markup(*(Html(f"<script>{script}</script>\n") for script in scripts))
+    return _PAGE.format(
+        policy=Html(policy),
+        title=title,
+        style=Html(style),
+        lead=lead,
+        body=Html("\n").join(map(_format_section, sections)),
+        scripts=run,
     )
 
 
@@ -187,13 +192,11 @@ def _make_policy(scripts: Sequence[str]) -> str:
     return f"{_POLICY}; script-src {allowed}"
 
 
-def _format_section(section: Section) -> str:
+def _format_section(section: Section) -> Html:
     """A section's markup."""
     pieces = (p if isinstance(p, Html) else make_paragraph(p) for p in section.body)
-    return (
-        f"<section><h2>{escape_text(section.title)}</h2>\n"
-        + "\n".join(pieces)
-        + "</section>"
+    return Html("<section><h2>{}</h2>\n{}</section>").format(
+        section.title, Html("\n").join(pieces)
     )
 
 
@@ -212,65 +215,22 @@ _LONGEST_TEXT = 20_000  # of one piece of text; chosen: a list of some hundred f
 _MOST_LINES, _LONGEST_LINE = 400, 300  # of a diff; chosen
 
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-
-# `picture.py` draws in these variables' light values
-_STYLE = """
-:root { color-scheme: light dark; --ink: #1b1f24; --muted: #5b6470; --line: #d5dae0;
-  --paper: #fdfdfc; --card: #ffffff; --right: #005b8f; --wrong: #a84300; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e4e7eb; --muted: #9aa4b0;
-  --line: #3a424c; --paper: #15181c; --card: #1c2026; --right: #6cb8ea;
-  --wrong: #ff9a5c; } }
-* { box-sizing: border-box; }
-body { margin: 0 auto; max-width: 68rem; padding: 2.5rem 1.25rem 4rem;
-  background: var(--paper); color: var(--ink); line-height: 1.55;
-  font-family: system-ui, "Segoe UI", Roboto, "Helvetica Neue", Arial, sans-serif; }
-h1 { font-size: 1.9rem; line-height: 1.2; margin: 0 0 .6rem; letter-spacing: -.01em; }
-h2 { font-size: 1.25rem; margin: 0 0 .5rem; }
-.lead { font-size: 1.1rem; margin: 0; max-width: 48rem; }
-section { margin-top: 2.75rem; }
-p { max-width: 48rem; margin: .5rem 0; }
-figure { margin: 1rem 0; padding: .9rem; background: var(--card);
-  border: 1px solid var(--line); border-radius: 8px; }
-figure svg, figure img { display: block; width: 100%; height: auto; }
-@media (max-width: 45rem) { figure { overflow-x: auto; }
-  figure svg, figure img { min-width: 42rem; } }
-.live { background: #ffffff; display: grid; gap: 1rem;
-  grid-template-columns: repeat(auto-fit, minmax(min(27rem, 100%), 1fr)); }
-.live > div { min-width: 0; }
-.live p { margin: .3rem 0 0; color: #1b1f24; font-weight: 600; }
-@media screen { .live:has(.curves > *) ~ :is(svg, img) { display: none; }
-  .live:not(:has(.curves > *)) { display: none; } }
-@media print { .live { display: none; } }
-figure svg text { font-family: inherit !important; }
-figcaption { color: var(--muted); font-size: .875rem; margin-top: .6rem;
-  max-width: 52rem; }
-.beside { display: flex; flex-wrap: wrap; gap: 0 4rem; }
-.wide { overflow-x: auto; margin: .9rem 0; }
-table { border-collapse: collapse; font-size: .92rem; }
-th, td { text-align: left; padding: .32rem 1rem .32rem 0; vertical-align: top;
-  border-bottom: 1px solid var(--line); }
-th { color: var(--muted); font-weight: 600; vertical-align: bottom; }
-.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
-th.n { white-space: normal; }
-.right { color: var(--right); font-weight: 600; }
-.wrong { color: var(--wrong); font-weight: 600; }
-.soft, details > summary { color: var(--muted); }
-details > summary { cursor: pointer; margin: .6rem 0; }
-h3 { font-size: 1.05rem; margin: 1.4rem 0 .2rem; }
-ul { max-width: 48rem; margin: .5rem 0; padding-left: 1.2rem; }
-.bars { display: grid; gap: .35rem; max-width: 48rem; margin: .9rem 0; }
-.bars > div { display: grid; grid-template-columns: 13rem 5.5rem 1fr; gap: .8rem;
-  align-items: center; }
-.bars b { text-align: right; font-variant-numeric: tabular-nums; }
-.bars > div > i { display: block; }
-.bars i > i { display: block; height: .8rem; min-width: 2px; border-radius: 2px;
-  background: var(--right); }
-@media (max-width: 45rem) { .bars > div { grid-template-columns: 8rem 5.5rem 1fr; } }
-.diff { background: var(--card); border: 1px solid var(--line); border-radius: 8px;
-  padding: .7rem .9rem; white-space: pre-wrap; overflow-wrap: anywhere;
-  font-size: .82rem; line-height: 1.45; }
-.diff .right, .diff .wrong { font-weight: 400; }
-@media print { body { max-width: none; padding: 0; } h2, h3 { break-after: avoid; }
-  figure, tr, .bars { break-inside: avoid; }
-  * { print-color-adjust: exact; -webkit-print-color-adjust: exact; } }
-"""
+# `picture.py` draws in the light values of its variables
+_STYLE_FILE = Path(__file__).with_name("page.css")
+_PAGE = Html("""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{title}</title>
+<style>{style}</style>
+</head>
+<body>
+<header><h1>{title}</h1><p class="lead">{lead}</p></header>
+<main>
+{body}
+</main>
+{scripts}</body>
+</html>
+""")

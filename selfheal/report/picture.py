@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..body.body import Floats
 from ..printable import escape_unprintable, make_printable
-from .page import NOTHING, SPACES, Html, escape_text
+from .page import NOTHING, SPACES, Html, make_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,15 +97,13 @@ def embed_figure(fig: "Figure", caption: str, live: Html = NOTHING) -> Html:
     """
     drawn = _encode_svg(fig)
     if len(drawn) > _LARGEST_SVG:
-        source = f"data:image/png;base64,{_encode_png(fig)}"
-        picture = f'<img alt="{escape_text(caption)}" src="{source}">'
-    else:
-        picture = drawn.replace(
-            "<svg ", f'<svg role="img" aria-label="{escape_text(caption)}" ', 1
+        picture = Html('<img alt="{}" src="data:image/png;base64,{}">').format(
+            caption, Html(_encode_png(fig))
         )
-    return Html(
-        f"<figure>{live}{picture}<figcaption>{escape_text(caption)}</figcaption></figure>"
-    )
+    else:
+        start = Html('<svg role="img" aria-label="{}" ').format(caption)
+        picture = start + Html(drawn.removeprefix("<svg "))
+    return make_figure(live, picture, caption=caption)
 
 
 def draw_paths(

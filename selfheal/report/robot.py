@@ -13,7 +13,7 @@ from ..recording import read_spec
 from .film import encode_webp, join_strips
 from .marks import Mark, find_marks
 from .motion import embed_animation
-from .page import Html, Section, escape_text
+from .page import Html, Section, make_figure
 from .picture import BLUE, COLORS, GREEN, MUTED, shorten_label
 from .render import Scene, View, find_view, furnish, render_scenes
 
@@ -216,7 +216,7 @@ def _embed_picture(
             f'<path d="M{x:.1f} {end:.1f}L{_WIDTH:.1f} {y:.1f}" stroke="{color}" '
             f'stroke-width="1.5" fill="none"/><circle cx="{x:.1f}" cy="{end:.1f}" '
             f'r="4" fill="{color}"/><text x="{_WIDTH + 6}" y="{y + size / 3:.1f}" '
-            f'font-size="{size:.1f}" fill="var(--ink)">{escape_text(mark.name)}</text>'
+            f'font-size="{size:.1f}" fill="var(--ink)">{Html.escape(mark.name)}</text>'
         )
     caption = "What the findings are about, on the robot as measured."
     if elsewhere:
@@ -231,12 +231,9 @@ def _frame_picture(
     from PIL import Image
 
     still = base64.b64encode(encode_webp([Image.fromarray(shown)])).decode("ascii")
-    drawn = "".join(lines)
-    said = escape_text(caption)
-    return Html(
-        f'<figure><svg role="img" aria-label="{said}" '
-        f'viewBox="0 0 {2 * _WIDTH} {height:.0f}">'
-        f'<image width="{_WIDTH}" height="{shown.shape[0]}" '
-        f'href="data:image/webp;base64,{still}"/>{drawn}</svg>'
-        f"<figcaption>{said}</figcaption></figure>"
-    )
+    picture = Html(
+        '<svg role="img" aria-label="{}" viewBox="0 0 {} {:.0f}"><image width="{}" '
+        'height="{}" href="data:image/webp;base64,{}"/>{}</svg>'
+    ).format(caption, 2 * _WIDTH, height, _WIDTH, shown.shape[0], Html(still),
+             Html("".join(lines)))  # fmt: skip
+    return make_figure(picture, caption=caption)

@@ -21,7 +21,6 @@ from .facts import (
 )
 from .page import (
     Html,
-    escape_text,
     join_markup,
     make_details,
     make_paragraph,
@@ -34,7 +33,7 @@ _MOST_CHANNELS = 3  # that fit on a page; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
 _AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chosen
 GROWTH = "error without it"  # the head of a column
-_DASH = "\N{EN DASH}"
+_DASH, _BREAK = "\N{EN DASH}", Html("<br>")
 
 
 def format_tree(run: Run) -> Html:
@@ -216,17 +215,9 @@ def format_findings(document: Mapping[str, Any]) -> Html:
         (
             found["effect"],
             found["target"],
-            Html(
-                "<br>".join(
-                    escape_text(_format_parameter(p)) for p in found["parameters"]
-                )
-            ),
+            _BREAK.join(map(_format_parameter, found["parameters"])),
             format_growth(found),
-            Html(
-                "<br>".join(
-                    escape_text(_format_signal(s)) for s in _list_signals(found)
-                )
-            ),
+            _BREAK.join(map(_format_signal, _list_signals(found))),
         )
         for found in document["findings"]
     ]

@@ -72,8 +72,9 @@ def test_what_nobody_recognizes_is_refused_with_the_list(tmp_path, content):
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
         open_log(path)
-    for point in entry_points(group=GROUP):
-        assert point.load().name in str(caught.value)
+    for name in ("CSV", "HDF5", "JSON", "LeRobot", "MATLAB", "NumPy", "Parquet", "ROS",
+                 ".pt"):  # fmt: skip
+        assert name in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["missing", "x" * 5000, "nul\0", "."])

@@ -1,10 +1,11 @@
 """Tables as text: takes CSV, TSV and their like, gives one stream."""
 
+import codecs
+import csv
+import gzip
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,10 @@ from .common import (
     read_start,
 )
 from .dialect import COMMENTS, MISSING, Dialect, find_dialect, part_list
-from .text_blocks import GZIP, Block, cut_blocks, map_in_order, open_text
 
 _SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
+_BLOCK = 1_000_000  # bytes that are parsed at once; chosen: a line has fewer
+_GZIP = b"\x1f\x8b"  # at the start of what gzip packed
 # a line that is a comment, with its end; a run of blanks; one at an end of a line
 _COMMENT = re.compile(rb"(?:(?<=[\r\n])|\A)[ \t]*[#%][^\r\n]*(?:\r\n?|\n)?")
 _BLANKS, _OUTER_BLANK = (
@@ -44,7 +46,7 @@ class DelimitedFormat(LogFormat):
     def recognizes(self, path: Path) -> bool:
         """Whether its name says so, or it is text that holds a table."""
         start = read_start(path)
-        suffixes = path.suffixes[-2:] if start.startswith(GZIP) else path.suffixes[-1:]
+        suffixes = path.suffixes[-2:] if start.startswith(_GZIP) else path.suffixes[-1:]
         is_json = any(suffix.lower() in _JSON for suffix in suffixes)
         if not start or start.lstrip()[:1] in (b"{", b"<") or is_json:
             return False
@@ -70,21 +72,81 @@ class DelimitedFormat(LogFormat):
         return DelimitedLog(path, dialect)
 
 
+def _open_text(path: Path) -> Any:
+    """Open a text file to read its bytes, which gzip may have packed."""
+    packed = read_start(path).startswith(_GZIP)
+    return gzip.open(path) if packed else path.open("rb")
+
+
 def _sniff(path: Path) -> Dialect | None:
     """The dialect of a file by its first bytes."""
-    with open_text(path) as file:
+    with _open_text(path) as file:
         sample = file.read(_SAMPLE)
         return find_dialect(sample, whole=not file.read(1)) if sample else None
 
 
-def _read_cut_line(path: Path, encoding: str) -> str:
-    """What follows the last end of a line; "" of a file that is packed."""
-    if read_start(path).startswith(GZIP):
-        return ""
-    with path.open("rb") as file:
-        file.seek(-min(get_size(path), _SAMPLE), io.SEEK_END)
-        end = file.read().decode(encoding, errors="ignore")
-    return end.rpartition("\n")[2].strip()
+class _RowText(io.RawIOBase):
+    """The text of a table as pyarrow reads it.
+
+    It is UTF-8, without comments where there are some. One blank stands for any run
+    of them that delimits cells. A last line that has no end and another number of
+    cells is left out, for a logger that was killed writes such.
+
+    Attributes:
+        is_cut: whether it was left out.
+    """
+
+    def __init__(self, file: Any, dialect: Dialect) -> None:
+        self.is_cut = False
+        self._file, self._dialect = file, dialect
+        self._decode = codecs.getincrementaldecoder(dialect.encoding)().decode
+        self._rest, self._ready = b"", b""
+
+    def readable(self) -> bool:
+        """True."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill a buffer with whole lines of the file, as far as they go."""
+        is_last = False
+        while not self._ready and not is_last:
+            read = self._file.read(_BLOCK)
+            is_last = not read
+            if self._dialect.encoding != "utf-8":
+                read = self._decode(read, is_last).encode()
+            read = self._rest + read
+            end = self._find_last_line(read) if is_last else _find_end(read)
+            lines, self._rest = read[:end], read[end:] * (not is_last)
+            if len(self._rest) > _BLOCK:
+                raise InputError("a line is too long")
+            self._ready = self._clean(lines)
+        count = min(len(buffer), len(self._ready))
+        buffer[:count], self._ready = self._ready[:count], self._ready[count:]
+        return count
+
+    def _find_last_line(self, text: bytes) -> int:
+        """Where the last line ends that is whole."""
+        start = max(text.rfind(b"\n"), text.rfind(b"\r")) + 1
+        line = self._clean(text[start:]).decode(errors="replace").strip()
+        if not line or line.startswith(COMMENTS):
+            return len(text)
+        cells = next(csv.reader([line], delimiter=self._dialect.delimiter))
+        self.is_cut = len(cells) != len(self._dialect.names)
+        return start if self.is_cut else len(text)
+
+    def _clean(self, lines: bytes) -> bytes:
+        """Lines without comments, in which one blank stands for any run of them."""
+        if self._dialect.has_comments and any(m.encode() in lines for m in COMMENTS):
+            lines = _COMMENT.sub(b"", lines)
+        if self._dialect.delimiter == " ":
+            lines = _OUTER_BLANK.sub(b"", _BLANKS.sub(b" ", lines))
+        return lines
+
+
+def _find_end(text: bytes) -> int:
+    """Where the last whole line ends; a return at the very end may go on."""
+    end = text.rfind(b"\n") + 1
+    return end or text.rfind(b"\r", 0, len(text) - 1) + 1
 
 
 class DelimitedLog(Log):
@@ -98,8 +160,6 @@ class DelimitedLog(Log):
 
     def __init__(self, path: Path, dialect: Dialect) -> None:
         self.path, self.dialect = path, dialect
-        self.losses = []
-        self._cut = _read_cut_line(path, dialect.encoding)
         self._places = dict[str, tuple[int, int]]()  # cell and element of each column
         units = dict[str, str]()
         for cell, name in enumerate(dialect.names):
@@ -117,72 +177,30 @@ class DelimitedLog(Log):
     ) -> Iterator[tuple[str, Rows]]:
         """Read columns; a piece is a block of the file."""
         check_wanted(self, wanted)
-        columns, rows = wanted.get("", ()), 0
+        columns = wanted.get("", ())
         cells = sorted({self._places[column][0] for column in columns})
         if not cells:
             return
-        with explain_damage(self.path, "table"):
-            blocks = cut_blocks(self.path, self.dialect.encoding)
-            for part in map_in_order(partial(self._parse, columns, cells), blocks):
-                if part.error:
-                    raise InputError(part.explain(rows))
-                rows += part.count
-                if part.rows:
-                    yield "", part.rows
+        size = get_size(self.path)
+        with explain_damage(self.path, "table"), _open_text(self.path) as file:
+            place = getattr(file, "fileobj", file)  # of gzip, where the packed file is
+            text = _RowText(file, self.dialect)
+            for batch in self._parse(text, cells):
+                by_cell = dict(zip(cells, batch.columns, strict=True))
+                yield (
+                    "",
+                    {
+                        column: self._convert(by_cell[cell], cell, element)
+                        for column in columns
+                        for cell, element in (self._places[column],)
+                    },
+                )
                 if report:
-                    report(part.share)
+                    report(min(1.0, place.tell() / size))
+            self.losses = [CUT_LINE] * text.is_cut
 
-    def _parse(
-        self, columns: Sequence[str], cells: Sequence[int], block: Block
-    ) -> "_Part":
-        """Columns of a block of lines.
-
-        Args:
-            columns: that are wanted.
-            cells: numbers of the cells that they are in, which increase.
-            block: of the file.
-        """
-        import pyarrow as pa
-        from pyarrow import csv
-
-        lines = self._clean(block.lines)
-        if not lines or lines.isspace():
-            return _Part(share=block.share)
-        cut = list[str]()
-        options = self._make_options(cells, block, len(lines), cut)
-        try:
-            table = csv.read_csv(pa.BufferReader(lines), **options)
-        except pa.ArrowInvalid as error:
-            return _Part(error=str(error))
-        if cut:
-            self.losses = [CUT_LINE]
-        by_cell = dict(zip(cells, table.columns, strict=True))
-        rows = {
-            column: self._convert(by_cell[cell].combine_chunks(), cell, element)
-            for column in columns
-            for cell, element in (self._places[column],)
-        }
-        return _Part(rows if len(table) else {}, len(table), block.share)
-
-    def _clean(self, lines: bytes) -> bytes:
-        """Lines without comments, in which one blank stands for any run of them."""
-        if self.dialect.has_comments and any(m.encode() in lines for m in COMMENTS):
-            lines = _COMMENT.sub(b"", lines)
-        if self.dialect.delimiter == " ":
-            lines = _OUTER_BLANK.sub(b"", _BLANKS.sub(b" ", lines))
-        return lines
-
-    def _make_options(
-        self, cells: Sequence[int], block: Block, size: int, cut: list[str]
-    ) -> dict[str, Any]:
-        """What pyarrow is told.
-
-        Args:
-            cells: that are wanted.
-            block: of lines that are to be read.
-            size: of them without comments [B].
-            cut: gets the last line, where it is left out for it is a part of one.
-        """
+    def _parse(self, text: _RowText, cells: Sequence[int]) -> Iterator[Any]:
+        """Batches of the cells, by number, of all rows."""
         import pyarrow as pa
         from pyarrow import csv
 
@@ -192,39 +210,26 @@ class DelimitedLog(Log):
             names[k]: pa.float64() if dialect.kinds[k] == "number" else pa.string()
             for k in cells
         }
-        return {
-            "read_options": csv.ReadOptions(
-                use_threads=False, block_size=size + 1, column_names=names,
-                skip_rows=dialect.skip if block.is_first else 0,
-            ),
-            "parse_options": csv.ParseOptions(
-                delimiter=dialect.delimiter,
-                invalid_row_handler=partial(self._judge_row, block.is_last, cut),
-            ),
-            "convert_options": csv.ConvertOptions(
-                include_columns=list(types), column_types=types,
-                null_values=list(MISSING), strings_can_be_null=True,
-                decimal_point=dialect.decimal,
-            ),
-        }  # fmt: skip
-
-    def _judge_row(self, is_end: bool, cut: list[str], row: Any) -> str:
-        """What becomes of a row with another number of cells.
-
-        A comment is left out, and the last line of a logger that was killed.
-
-        Args:
-            is_end: whether the row is in the last block.
-            cut: gets the last line.
-            row: as pyarrow has it.
-        """
-        line = row.text.strip()
-        if line.startswith(COMMENTS):
-            return "skip"
-        if is_end and line == self._cut and not cut:  # what is like it is no last one
-            cut.append(line)
-            return "skip"
-        return "error"
+        try:
+            yield from csv.open_csv(
+                io.BufferedReader(text, _BLOCK),
+                csv.ReadOptions(
+                    use_threads=False,  # with threads no row has a number
+                    block_size=_BLOCK, column_names=names, skip_rows=dialect.skip,
+                ),
+                csv.ParseOptions(
+                    delimiter=dialect.delimiter, invalid_row_handler=_judge_row
+                ),
+                csv.ConvertOptions(
+                    include_columns=list(types), column_types=types,
+                    null_values=list(MISSING), strings_can_be_null=True,
+                    decimal_point=dialect.decimal,
+                ),
+            )  # fmt: skip
+        except pa.ArrowInvalid as error:
+            said = clean_text(error).replace("Row #", "row ")
+            is_long = "straddles" in said
+            raise InputError("a line is too long" if is_long else said) from error
 
     def _convert(self, array: Any, cell: int, element: int) -> Values:
         """One column of a block, (n)."""
@@ -238,31 +243,9 @@ class DelimitedLog(Log):
         return convert_array(array)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What was made of a block.
-
-    Attributes:
-        rows: its columns; none where it has no row.
-        count: of its rows.
-        share: of the file that was read, from 0 to 1.
-        error: what pyarrow says is wrong with it; "" if nothing.
-    """
-
-    rows: Rows = field(default_factory=dict)
-    count: int = 0
-    share: float = 0.0
-    error: str = ""
-
-    def explain(self, before: int) -> str:
-        """The error, the number of a row counted from the start of the file.
-
-        Args:
-            before: rows in the blocks before this one.
-        """
-        return re.sub(
-            r"Row #(\d+)", lambda m: f"row {int(m[1]) + before}", clean_text(self.error)
-        )
+def _judge_row(row: Any) -> str:
+    """What becomes of a row with another number of cells: a comment is left out."""
+    return "skip" if row.text.strip().startswith(COMMENTS) else "error"
 
 
 def _convert_words(array: Any) -> Values:

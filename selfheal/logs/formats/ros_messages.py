@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..timeline import shorten_rows
 from .common import MAX_COLUMNS, MAX_ELEMENTS, import_extra
 
 _STAMP = "header.stamp"
@@ -217,14 +218,7 @@ class _Vector(_Elements):
             if label in self._targets
         ]
         sources, targets = np.array(pairs, dtype=int).reshape(-1, 2).T
-        return _shorten(sources), _shorten(targets)
-
-
-def _shorten(places: NDArray[np.int_]) -> Any:
-    """Places (n), as a slice where one follows the other: numpy is faster with it."""
-    if len(places) and (np.diff(places) == 1).all():
-        return slice(places[0], places[-1] + 1)
-    return places
+        return shorten_rows(sources), shorten_rows(targets)
 
 
 class _List(_Elements):

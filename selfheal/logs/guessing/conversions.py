@@ -16,9 +16,8 @@ from .unit_guesses import (
     UnitGuess,
     find_flipped,
     find_limits,
-    guess_command_unit,
+    guess_moving_unit,
     guess_position_units,
-    guess_speed_unit,
 )
 
 
@@ -76,8 +75,9 @@ def guess_conversions(
     }
     for k, match in enumerate(matches):
         place = match.place
-        if place.kind == COMMAND and k in scaled:
-            better = guess_command_unit(match.column, place, scaled[k])
+        is_speed = place.unit.endswith("/s")
+        if place.kind == COMMAND and k in scaled and not is_speed:
+            better = guess_moving_unit(match.column, place, scaled[k])
             position = positions[place.joint]
             if better is not None:
                 pair = {k, position}
@@ -89,7 +89,8 @@ def guess_conversions(
                     found |= _settle_signs(matches, found, position, k)
     for k, match in enumerate(matches):
         if match.place.unit.endswith("/s"):
-            guessed_unit = guess_speed_unit(match.column, match.place, scaled.get(k))
+            guessed_unit = guess_moving_unit(match.column, match.place, scaled.get(k))
+            assert guessed_unit is not None  # of a speed
             joint = positions.get(match.place.joint)
             sign = found[joint].sign if joint is not None else 1
             found[k] = replace(guessed_unit, sign=sign * guessed_unit.sign)

@@ -33,7 +33,7 @@ from .clocks import TimeGuess, guess_times
 from .content import find_kinds
 from .conversions import Relations, guess_conversions
 from .presets import apply_preset
-from .unit_guesses import UnitGuess
+from .unit_guesses import GuessedLine
 from .vectors import match_vectors
 
 if TYPE_CHECKING:
@@ -44,31 +44,6 @@ _FOLLOWS, _INSIDE = 2.0, 1.0
 _MOTION = ("joint_position", "joint_velocity", COMMAND)
 _SCALARS = ("joint_position", "joint_velocity", COMMAND, "joint_torque",
             "supply_voltage", "temperature")  # fmt: skip
-
-
-@dataclass(frozen=True)
-class GuessedLine:
-    """Columns that a proposed map takes.
-
-    Attributes:
-        kind: of the contract or "command".
-        columns: with their streams' names where the log holds several.
-        targets: in the model, one or one each vector.
-        units: how each target's columns are converted.
-        sure: probability that each target's columns are right.
-        why: reason of each.
-        order: of a quaternion.
-        missing: what stands for no reading, where rows of it were seen.
-    """
-
-    kind: str
-    columns: list[str]
-    targets: list[str]
-    units: list[UnitGuess]
-    sure: list[float]
-    why: list[str]
-    order: str = "wxyz"
-    missing: float | None = None
 
 
 @dataclass
@@ -131,7 +106,7 @@ def guess_map(log: Log, model: "mujoco.MjModel", preset: LogMap | None = None) -
         for line in _make_scalar_lines(matches, several, relations)
     ]
     lines, notes = match_vectors(vectors, by_kind, several)
-    found.lines += [GuessedLine(*line) for line in lines]
+    found.lines += lines
     found.remarks += notes
     used = {name for line in found.lines for name in line.columns}
     found.unused = [name for c in columns if (name := qualify(c, several)) not in used]
@@ -169,12 +144,7 @@ def _list_texts(found: Guess, samples: Mapping[str, Sample]) -> list[str]:
 def _leave_out_zeros(
     columns: Sequence[Column], places: Sequence[Place]
 ) -> tuple[list[Column], set[str]]:
-    """Columns without rows of zeros that no sensor has read, and who had some.
-
-    Args:
-        columns: of one number each.
-        places: of the model.
-    """
+    """Columns without rows of zeros that no sensor has read, and who had some."""
     read = dict[int, Column]()
     for kind, _, members in group_scalars(columns, places):
         if kind == "joint_position" and len({c.values.size for c in members}) == 1:
@@ -198,14 +168,7 @@ def _match_scalars(
     by_kind: Mapping[str, Sequence[Place]],
     relations: Relations,
 ) -> list[Match]:
-    """Whose each column of one number is, kind after kind.
-
-    Args:
-        columns: that may be taken.
-        places: of the model.
-        by_kind: the same.
-        relations: of the columns.
-    """
+    """Whose each column of one number is, kind after kind."""
     groups = group_scalars(columns, places)
     found = list[Match]()
     for kind in _SCALARS:
@@ -231,10 +194,6 @@ def _take_torques_as_commands(
     matches: list[Match], by_kind: Mapping[str, Sequence[Place]]
 ) -> tuple[list[Match], bool]:
     """Matches with torques as commands, where a log of torque motors has none.
-
-    Args:
-        matches: all.
-        by_kind: places of the model.
 
     Returns:
         The matches, and whether torques became commands.
@@ -302,13 +261,7 @@ def _assign_positions(
 def _make_scalar_lines(
     matches: Sequence[Match], several: bool, relations: Relations
 ) -> list[GuessedLine]:
-    """Lines of a map: matches of one kind and one stream together.
-
-    Args:
-        matches: columns and whose they are.
-        several: whether the log has several streams.
-        relations: of the columns.
-    """
+    """Lines of a map: matches of one kind and one stream together."""
     units = guess_conversions(matches, relations)
     groups = dict[tuple[str, str], list[int]]()
     for k, match in enumerate(matches):

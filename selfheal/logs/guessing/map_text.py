@@ -9,7 +9,8 @@ from dataclasses import replace
 from ..base import Stream
 from ..log_map import COMMAND, Clock, ColumnRule
 from ..map_rules import WIDTH, format_list, format_rule, quote
-from .guess import Guess, GuessedLine
+from .guess import Guess
+from .unit_guesses import GuessedLine
 
 _MANY = 4  # columns that differ in brackets, which are told as one; chosen
 _SURE = 0.7  # below, a comment asks to look; chosen

@@ -13,8 +13,9 @@ from ..units import find_unit
 from .assignment import Column, Match
 
 Floats = NDArray[np.float64]
-_CANDIDATES = {"rad": ("rad", "deg", "turn"), "m": ("m", "mm", "cm")}
-_SPEEDS = {"rad/s": ("rad/s", "deg/s", "rpm", "turn/s"), "m/s": ("m/s", "mm/s")}
+_CANDIDATES = {"rad": ("rad", "deg", "turn"), "m": ("m", "mm", "cm"),
+               "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"), "m/s": ("m/s", "mm/s")
+               }  # fmt: skip
 SHARE = "share"  # of a range: the unit of joints from -100 to 100
 _FULL, _WHOLE = 100.0, 100.5  # a whole share [%], and with rounding; LeRobot's
 _LARGE = 4 * math.pi  # that no joint is in radians; chosen: two turns, as of ten meters
@@ -51,6 +52,31 @@ class UnitGuess:
             return values * _get_factor(self.unit)
         (low, high), (bottom, top) = self.ranges
         return bottom + (values - low) * (top - bottom) / (high - low)
+
+
+@dataclass(frozen=True)
+class GuessedLine:
+    """Columns that a proposed map takes.
+
+    Attributes:
+        kind: of the contract or "command".
+        columns: with their streams' names where the log holds several.
+        targets: in the model, one or one each vector.
+        units: how each target's columns are converted.
+        sure: probability that each target's columns are right.
+        why: reason of each.
+        order: of a quaternion.
+        missing: what stands for no reading, where rows of it were seen.
+    """
+
+    kind: str
+    columns: list[str]
+    targets: list[str]
+    units: list[UnitGuess]
+    sure: list[float]
+    why: list[str]
+    order: str = "wxyz"
+    missing: float | None = None
 
 
 def guess_position_units(
@@ -222,55 +248,39 @@ def _guess_share(
     )  # fmt: skip
 
 
-def guess_speed_unit(
+def guess_moving_unit(
     column: Column, place: Place, relation: Relation | None
-) -> UnitGuess:
-    """The unit and the sign of a column of speeds.
+) -> UnitGuess | None:
+    """The unit of a column of speeds, with its sign, or of a position servo's commands.
 
     Args:
-        column: of speeds.
+        column: of speeds, or of commands.
         place: whose it is.
-        relation: of the position in SI units over the integral of the column; None
-            where there is no position.
+        relation: of the position in SI units over the integral of the speed, or over
+            the command; None where there is no position.
+
+    Returns:
+        None of a command which no position follows.
     """
-    names = _SPEEDS.get(place.unit, (place.unit,))
+    is_speed = place.unit.endswith("/s")
+    names = _CANDIDATES.get(place.unit, (place.unit,) if is_speed else ())
     stated = _find_stated(column, place.unit)
-    if relation is None or abs(relation.correlation) < STRONG:
+    if not names or relation is None or abs(relation.correlation) < STRONG:
+        if not is_speed:
+            return None
         if stated:
             return UnitGuess(stated, sure=0.95, why="the log states it")
         return UnitGuess(names[0], sure=0.6, why="no position that moves to compare")
     distance = {name: abs(math.log(abs(relation.slope) / _get_factor(name)))
                 for name in ((stated,) if stated else names)}  # fmt: skip
     best = min(distance, key=lambda name: distance[name])
-    sign = 1 if relation.slope > 0 else -1
     is_close = distance[best] < _CLOSE
-    why, sure = "the position is its integral", 0.97
-    if not is_close:
-        why, sure = f"the position changes by {relation.slope:.3g} of its integral", 0.4
-    return UnitGuess(best, sign, None, sure, why)
-
-
-def guess_command_unit(
-    column: Column, place: Place, relation: Relation | None
-) -> UnitGuess | None:
-    """The unit of the command of a position servo.
-
-    Args:
-        column: of commands.
-        place: whose it is.
-        relation: of the position in SI units over the column; None where there is
-            none.
-
-    Returns:
-        None where no position follows it.
-    """
-    names = _CANDIDATES.get(place.unit, ())
-    if not names or relation is None or abs(relation.correlation) < STRONG:
-        return None
-    stated = _find_stated(column, place.unit)
-    distance = {name: abs(math.log(abs(relation.slope) / _get_factor(name)))
-                for name in ((stated,) if stated else names)}  # fmt: skip
-    best = min(distance, key=lambda name: distance[name])
+    if is_speed:
+        sign = 1 if relation.slope > 0 else -1
+        if is_close:
+            return UnitGuess(best, sign, None, 0.97, "the position is its integral")
+        why = f"the position changes by {relation.slope:.3g} of its integral"
+        return UnitGuess(best, sign, None, 0.4, why)
     if distance[best] > 2 * _CLOSE:
         return None
     why = "the position follows it"

@@ -7,7 +7,7 @@ import numpy as np
 from ..model_facts import Place
 from .assignment import ELEMENT, Column
 from .column_names import score_names
-from .unit_guesses import UnitGuess
+from .unit_guesses import GuessedLine, UnitGuess
 
 # words of a name, the unit of a sensor that measures it, and the kind of a body's
 # signal; ROS's sensor_msgs/Imu, geometry_msgs/Pose and nav_msgs/Odometry
@@ -24,17 +24,12 @@ _THINGS: tuple[tuple[frozenset[str], str, str], ...] = (
 )  # fmt: skip
 _WIDTHS = {"body_orientation": 4}
 
-# kind, columns, targets, units, sureness, reasons, order of a quaternion
-VectorLine = tuple[
-    str, list[str], list[str], list[UnitGuess], list[float], list[str], str
-]
-
 
 def match_vectors(
     vectors: Mapping[tuple[str, str], Sequence[Column]],
     places: Mapping[str, Sequence[Place]],
     several: bool,
-) -> tuple[list[VectorLine], list[str]]:
+) -> tuple[list[GuessedLine], list[str]]:
     """Find what in a model vectors belong to.
 
     Args:
@@ -43,9 +38,9 @@ def match_vectors(
         several: whether the log holds several streams.
 
     Returns:
-        Arguments of `GuessedLine`, and remarks.
+        Lines of a map, and remarks.
     """
-    found, notes, taken = list[VectorLine](), list[str](), set[tuple[str, str]]()
+    found, notes, taken = list[GuessedLine](), list[str](), set[tuple[str, str]]()
     for (stream, name), columns in vectors.items():
         tokens = columns[0].facts.tokens
         rule = columns[0].rule
@@ -78,7 +73,9 @@ def match_vectors(
             why_order = "an array of three"
         guess = UnitGuess("", sure=0.9, why=why_order)
         why = f"{why}; {why_order}" if is_array else why
-        found.append((place.kind, names, [place.name], [guess], [0.8], [why], order))
+        found.append(
+            GuessedLine(place.kind, names, [place.name], [guess], [0.8], [why], order)
+        )
     return found, notes
 
 
