@@ -274,7 +274,7 @@ def record_plans(
     rng: Rng,
     *,
     state: bool,
-    check: Callable[[Rollout], None],
+    check: Callable[[Rollout], None] = lambda run: None,
 ) -> Record:
     """Simulate and record plans, one after the other.
 

@@ -137,9 +137,7 @@ def test_every_robot_gives_a_valid_recording(name):
     draw = draw_experiment(name, rng)
     experiment, plans = draw.experiment, _shorten(draw.train[:2], 60)
     truth = experiment.make_hidden_robot()
-    made = record_plans(
-        experiment.instruments, truth, plans, rng, state=True, check=lambda run: None
-    )
+    made = record_plans(experiment.instruments, truth, plans, rng, state=True)
     validate(made.seen)
     assert len(made.seen.episodes) == 2
 

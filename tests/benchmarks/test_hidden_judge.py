@@ -226,7 +226,7 @@ def test_the_plain_fit_helps_and_the_truth_helps_more(tmp_path, monkeypatch):
         assert errors["true"][name] <= errors["plain"][name] * 1.05
         assert errors["plain"][name] < 0.7 * given
     assert judged["verdict"] == "failed" and judged["named"] == 0 < judged["needed"]
-    assert drives.compute_figures([judged])["error / plain, whole"] > 1
+    assert drives.compute_figures([judged])["everything"]["error / plain, whole"] > 1
     assert make_drive_sections([judged])
 
 

@@ -19,7 +19,12 @@ from benchmarks.hidden.judge.names import (
     select_real_findings,
 )
 from benchmarks.hidden.judge.plain_fit import choose_evenly, fit_drives
-from benchmarks.hidden.judge.sealed import compute_rate, compute_share, read_json
+from benchmarks.hidden.judge.sealed import (
+    compute_rate,
+    compute_share,
+    read_json,
+    select_kind,
+)
 from benchmarks.hidden.motions import command_table
 from benchmarks.hidden.simulator import MotionPlan, Simulator
 from benchmarks.hidden.truth import UnfitDraw
@@ -201,8 +206,13 @@ def _score_replays(
     return found
 
 
-def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
-    """Figures of cases of one kind."""
+def compute_figures(cases: Sequence[Judged]) -> dict[str, dict[str, Any]]:
+    """Figures by kind."""
+    kinds = dict.fromkeys(c["kind"] for c in cases)
+    return {kind: _summarize_kind(select_kind(cases, kind)) for kind in kinds}
+
+
+def _summarize_kind(cases: Sequence[Judged]) -> dict[str, Any]:
     figures: dict[str, Any] = {"cases": len(cases)}
     for name in HORIZONS:
         for other in ("plain", "true"):

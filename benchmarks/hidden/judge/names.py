@@ -8,6 +8,8 @@ from typing import Any
 
 import h5py
 import mujoco
+import numpy as np
+from scipy.optimize import linear_sum_assignment
 
 from benchmarks.hidden.effects.unlisted import RELATED
 
@@ -198,15 +200,9 @@ _JUDGES = {
 
 def _count_matches(truths: Sequence, findings: Sequence, fits) -> int:
     """The most pairs of a truth and a finding that fit, each used once."""
-    if not truths:
-        return 0
-    truth, rest = truths[0], truths[1:]
-    best = _count_matches(rest, findings, fits)
-    for i, finding in enumerate(findings):
-        if fits(finding, truth):
-            others = [*findings[:i], *findings[i + 1 :]]
-            best = max(best, 1 + _count_matches(rest, others, fits))
-    return best
+    pairs = np.array([[fits(f, t) for f in findings] for t in truths], int)
+    pairs = pairs.reshape(len(truths), len(findings))
+    return int(pairs[linear_sum_assignment(pairs, maximize=True)].sum())
 
 
 def check_intervals(truths, findings, places: Places) -> list[dict[str, Any]]:

@@ -178,13 +178,11 @@ def make_drive_sections(cases: Sequence[Judged]) -> list[Section]:
     """Sections of the page of drives: each kind's figures and its cases."""
     across = ", ".join(HORIZONS)
     sections = [Section("How it is measured", METHOD.format(across=across))]
-    for kind in dict.fromkeys(c["kind"] for c in cases):
-        some = select_kind(cases, kind)
+    for kind, figures in drives.compute_figures(cases).items():
         text = (KINDS[kind].__doc__ or "").partition("\n")[0]
-        table = _list_figures(drives.compute_figures(some))
-        sections.append(Section(kind, text, *table))
+        sections.append(Section(kind, text, *_list_figures(figures)))
         text = f"Errors over pieces of {across}; (no): they contradict the verdict."
-        rows = [_list_case(case) for case in some]
+        rows = [_list_case(case) for case in select_kind(cases, kind)]
         sections.append(Section(f"Cases of {kind}", text, HEADER, rows))
     return sections
 
