@@ -1,4 +1,4 @@
-"""Drives that models lack: a generator in; a robot, what it hides and how is recorded.
+"""Drives that models lack: a generator in; a robot, what it hides, its log.
 
 Besides whole drives: decays, loops, wrong limits, carried weights, weak motors, clocks
 that are apart, cameras, slow logs, and more of a servo.

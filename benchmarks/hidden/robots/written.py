@@ -1,6 +1,7 @@
 """Robots that were written down, in MJCF of many styles: sensors and motions of each.
 
-They and their motions are of another style than those that are drawn, by other authors.
+They and their motions are of another style than those that are drawn: they were written
+without looking at the program that diagnoses them.
 """
 
 from collections.abc import Callable, Mapping, Sequence
