@@ -133,11 +133,19 @@ def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | 
 def score_replay(
     diagnosis: Path, test: Recording, program: Sequence[str], *more: str
 ) -> float | None:
-    """Score of a diagnosis' replay of a test's inputs; None where it failed.
+    """Score of a diagnosis' replay of a test's inputs; None where it failed."""
+    played = replay_inputs(diagnosis, test, program, *more)
+    return None if played is None else compute_score(extract_values(played), test)
+
+
+def replay_inputs(
+    diagnosis: Path, test: Recording, program: Sequence[str], *more: str
+) -> Recording | None:
+    """What a diagnosis predicts of a test's inputs; None where its replay failed.
 
     Args:
         diagnosis: its folder.
-        test: what is scored.
+        test: whose samples are taken out.
         program: words that start the replay.
         more: words that end them.
     """
@@ -147,9 +155,7 @@ def score_replay(
         done = subprocess.run(
             [*words, *more], cwd=room, capture_output=True, check=False
         )
-        if done.returncode:
-            return None
-        return compute_score(extract_values(read(Path(room) / "out.h5")), test)
+        return None if done.returncode else read(Path(room) / "out.h5")
 
 
 def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:

@@ -1,72 +1,112 @@
 """The contract's score of a model on a test: takes recordings, gives one number."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import rollout
 
 from selfheal.recording import Episode, Recording, reorder_commands
 
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
+WORST = 10.0  # standard deviations; what is farther off, or diverged, counts as this
+Values = dict[str, np.ndarray]
 
 
 def simulate_open_loop(
-    model: Any, recording: Recording
-) -> dict[str, dict[str, np.ndarray]]:
+    model: Any, recording: Recording, delay: float = 0.0
+) -> dict[str, Values]:
     """Joint positions, body poses and sensors of a model, by episode and signal.
 
     Args:
         model: compiled, with the coordinates of qpos0.
         recording: whose episodes state where they start.
+        delay: [s] of the commands.
     """
-    return {k: _simulate_episode(model, e) for k, e in recording.episodes.items()}
+    episodes = recording.episodes.items()
+    return {k: _simulate_episode(model, e, delay) for k, e in episodes}
 
 
-def _simulate_episode(model: Any, episode: Episode) -> dict[str, np.ndarray]:
+def average_commands(
+    time: np.ndarray, ctrl: np.ndarray, step: float, delay: float
+) -> np.ndarray:
+    """Mean command (K, nu) over each time step, held between samples, late by `delay`.
+
+    Before its first sample the command is that of the first sample.
+
+    Args:
+        time: (T) [s] of the samples, from 0.
+        ctrl: (T, nu) commands.
+        step: [s] of the model.
+        delay: [s] of the commands.
+    """
+    count = int(np.ceil(time[-1] / step - 1e-9)) + 1
+    edges = np.arange(count + 1) * step - delay
+    # the integral of what is held is piecewise linear, so its differences are exact
+    knots = np.concatenate([[-1.0], time, [time[-1] + 1.0]])
+    held = np.concatenate([ctrl[:1], ctrl])
+    steps = np.cumsum(held * np.diff(knots)[:, None], 0)
+    area = np.concatenate([np.zeros((1, held.shape[1])), steps])
+    columns = [np.interp(edges, knots, column) for column in area.T]
+    return np.diff(np.array(columns).T.reshape(count + 1, -1), axis=0) / step
+
+
+def _simulate_episode(model: Any, episode: Episode, delay: float) -> Values:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
-    there = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
+    full = mujoco.mjtState.mjSTATE_FULLPHYSICS
+    start = np.zeros(mujoco.mj_stateSize(model, full))
+    mujoco.mj_getState(model, data, start, full)
     ctrl = reorder_commands(episode, model).ctrl
-    since, done, found = episode.time - episode.time[0], 0, []
+    since = episode.time - episode.time[0]
+    control = average_commands(since, ctrl, step, delay)
+    states, _ = rollout.rollout(
+        model, data, start, control if model.nu else None, nstep=len(control)
+    )
+    states, q, v = np.vstack([start, states[0]]), 1 + model.nq, 1 + model.nq + model.nv
+    rows, sensed = [], []
     for i, at in enumerate(since):
-        steps = int((at + 1e-9) / step) - done
-        if steps:
-            mujoco.mj_step(model, data, steps)
-        done += steps
-        qpos = data.qpos.copy()
-        mujoco.mj_integratePos(model, qpos, data.qvel, at - done * step)
-        there.qpos[:], there.qvel[:] = qpos, data.qvel
-        there.ctrl[:] = data.ctrl[:] = ctrl[i]
+        done = int((at + 1e-9) / step)
+        data.qpos[:], data.qvel[:] = states[done, 1:q], states[done, q:v]
+        mujoco.mj_integratePos(model, data.qpos, data.qvel, at - done * step)
+        data.ctrl[:] = ctrl[i]
         if model.nsensor:
-            mujoco.mj_forward(model, there)
-        found.append((qpos, there.sensordata.copy()))
-    qpos, sensed = (np.array(rows) for rows in zip(*found, strict=True))
-    return _extract_signals(model, episode, qpos, sensed)
+            mujoco.mj_forward(model, data)
+        rows.append(data.qpos.copy())
+        sensed.append(data.sensordata.copy())
+    return _extract_signals(model, episode, np.array(rows), np.array(sensed))
 
 
-def _extract_signals(
-    model: Any, episode: Episode, qpos, sensed
-) -> dict[str, np.ndarray]:
+def _extract_signals(model: Any, episode: Episode, qpos, sensed) -> Values:
     found = {}
     for name, signal in episode.signals.items():
         if signal.kind == "joint_position":
             found[name] = qpos[:, model.joint(signal.target).qposadr[0]]
-        elif signal.kind == "body_position":
-            found[name] = qpos[:, :3]
-        elif signal.kind == "body_orientation":
-            found[name] = qpos[:, 3:7]
+        elif signal.kind.startswith("body"):
+            place, turn = _read_pose(model, signal.target, qpos)
+            found[name] = place if signal.kind == "body_position" else turn
         elif signal.kind == "sensor":
             sensor = model.sensor(signal.target)
             found[name] = sensed[:, sensor.adr[0] : sensor.adr[0] + sensor.dim[0]]
     return found
 
 
-def compute_score(
+def _read_pose(model: Any, body: str, qpos: np.ndarray):
+    """Position (T, 3) and quaternion (T, 4) of a body."""
+    data, poses = mujoco.MjData(model), []
+    for row in qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        poses.append(np.concatenate([data.body(body).xpos, data.body(body).xquat]))
+    return np.array(poses)[:, :3], np.array(poses)[:, 3:]
+
+
+def list_errors(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
-) -> float:
-    """Normalized RMSE over the position-like signals (contract section 2).
+) -> Iterator[np.ndarray]:
+    """Errors over spread (rows, columns) [1] of each position-like signal.
 
     Args:
         predicted: values by episode and signal.
@@ -78,7 +118,6 @@ def compute_score(
         for name, signal in episode.signals.items()
         if signal.kind in SCORED
     }
-    parts = []
     for name, kind in names.items():
         pairs = [
             _align_columns(predicted[k][name], e.signals[name].values, kind)
@@ -86,7 +125,19 @@ def compute_score(
         ]
         error = np.concatenate([p - s for p, s in pairs])
         spread = np.concatenate([s for _, s in pairs]).var(0).sum()
-        parts.append(np.mean(np.sum(error**2, 1)) / spread)
+        yield np.nan_to_num(error / np.sqrt(spread), nan=WORST).clip(-WORST, WORST)
+
+
+def compute_score(
+    predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
+) -> float:
+    """Normalized RMSE over the position-like signals (contract section 2).
+
+    Args:
+        predicted: values by episode and signal.
+        seen: the recording that they are compared with.
+    """
+    parts = [np.mean(np.sum(e**2, 1)) for e in list_errors(predicted, seen)]
     return float(np.sqrt(np.mean(parts)))
 
 
@@ -102,7 +153,7 @@ def _align_columns(predicted: np.ndarray, seen: np.ndarray, kind: str):
     return predicted, seen
 
 
-def extract_values(recording: Recording) -> dict[str, dict[str, np.ndarray]]:
+def extract_values(recording: Recording) -> dict[str, Values]:
     """The values of a recording's signals, by episode and signal."""
     return {
         name: {key: signal.values for key, signal in episode.signals.items()}

@@ -19,11 +19,11 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.other_cases.cases import OTHER_CASES
-from benchmarks.other_cases.make import make_case as make_other_case
-from benchmarks.sealed.cases import make_case
-from benchmarks.sealed.hidden_robot import UnfitDraw
-from benchmarks.sealed.robots import ROBOTS
+from benchmarks.hidden import others
+from benchmarks.hidden.case import Case
+from benchmarks.hidden.robots.shapes import ROBOTS
+from benchmarks.hidden.sealed import make_case
+from benchmarks.hidden.truth import UnfitDraw
 from benchmarks.telemetry.faults import Injection, inject_faults
 from benchmarks.telemetry.study import FIRST_SEED, run_study
 from benchmarks.writer import INTACT, Section, make_parser, publish_results
@@ -53,17 +53,16 @@ Row = tuple[str, mujoco.MjModel, Recording]
 
 def list_clean(group: str) -> Iterator[Row]:
     """Names, models and recordings of robots that are as their models say."""
-    seeds, others = GROUPS[group]
+    seeds, written = GROUPS[group]
     for robot in ROBOTS:
         for seed in seeds:
-            case = make_case("null", seed, robots=[robot])
-            model = mujoco.MjModel.from_xml_string(case.robot.xml)
-            yield f"{robot} {seed}", model, case.train
-    for other in OTHER_CASES:
-        if other.name in others:
-            made = make_other_case(other)
-            model = mujoco.MjModel.from_xml_string(made.robot.xml)
-            yield other.name, model, made.train
+            yield _list_row(f"{robot} {seed}", make_case("null", seed, robots=[robot]))
+    for name in written:
+        yield _list_row(name, others.make_case(name))
+
+
+def _list_row(name: str, case: Case) -> Row:
+    return name, case.robot.model, case.train
 
 
 def list_concealed(count: int) -> Iterator[Row]:
@@ -74,13 +73,10 @@ def list_concealed(count: int) -> Iterator[Row]:
         except UnfitDraw:
             continue
         effects = ", ".join(e["effect"] for e in case.key["effects"])
-        model = mujoco.MjModel.from_xml_string(case.robot.xml)
-        yield f"{case.name} {case.robot.name}: {effects}", model, case.train
-    for other in OTHER_CASES:
-        if all(other.name not in others for _, others in GROUPS.values()):
-            made = make_other_case(other)
-            model = mujoco.MjModel.from_xml_string(made.robot.xml)
-            yield other.name, model, made.train
+        yield _list_row(f"{case.name} {case.robot.name}: {effects}", case)
+    for name in others.OTHER_CASES:
+        if all(name not in written for _, written in GROUPS.values()):
+            yield _list_row(name, others.make_case(name))
 
 
 def list_devices() -> Iterator[Row]:

@@ -5,22 +5,31 @@ the MJCF states is 8 % off, as it usually is.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from selfheal.recording import Episode, Recording, Signal
-from selfheal.recording.data import name_signal
+from benchmarks.hidden.motions import command_table
+from benchmarks.hidden.robots.robot import GRAVITY, Robot
+from benchmarks.hidden.sensors import (
+    Instruments,
+    Sensor,
+    measure_joints,
+    record_plans,
+)
+from benchmarks.hidden.simulator import Command, MotionPlan
+from benchmarks.hidden.truth import make_hidden_robot
+from selfheal.recording import Recording
 
 Values = np.ndarray
 NAMES = ("waist", "shoulder", "elbow", "forearm", "wrist", "hand")
 OFF = 0.08  # standard deviation of the logarithm of what is stated
-GRAVITY = 9.81
 TIMESTEP = 0.002
 # of readings: a joint's position [rad], its velocity [rad/s], a gyroscope [rad/s] and
 # an accelerometer [m/s^2], as of hobby drives and consumer IMUs
-NOISE = {"joint_position": 3e-4, "joint_velocity": 0.01, "gyro": 5e-3, "acc": 0.04}
+NOISE = {"position": 3e-4, "velocity": 0.01, "gyro": 5e-3, "acc": 0.04}
 BANDWIDTH = 3.0  # [Hz] of a controller of torques, damped by 0.7
 STEPS = (4096, 16384)  # of an encoder, a turn
 
@@ -78,8 +87,8 @@ def _attempt(rng: np.random.Generator) -> DrawnRobot | None:
             gains[name] = stiffness, stiffness * rng.uniform(0.03, 0.06)
     hidden = [_put_off(n, rng) for n in stated]
     put_off = {k: tuple(x * _draw_off(rng) for x in g) for k, g in gains.items()}
-    model = mujoco.MjModel.from_xml_string(_write(names, hidden, put_off, loads))
-    recording = _record(model, names, stated, loads, bool(gains), rng)
+    robot = Robot("drawn", _write(names, hidden, put_off, loads), fine=TIMESTEP)
+    recording = _record(robot, names, stated, bool(gains), rng)
     for name, n in zip(names, stated, strict=True):
         for e in recording.episodes.values():
             x = e.signals[f"{name}_position"].values
@@ -178,55 +187,43 @@ def _write(
 
 
 def _record(
-    model: mujoco.MjModel, names: tuple[str, ...], stated: list[_Numbers],
-    loads: list[float], is_servo: bool, rng: np.random.Generator,
+    robot: Robot, names: tuple[str, ...], stated: list[_Numbers],
+    is_servo: bool, rng: np.random.Generator,
 ) -> Recording:  # fmt: skip
     """Episodes in which each joint follows sines.
 
     Args:
-        model: of the true robot.
+        robot: as it is.
         names: of the joints.
         stated: numbers of each.
-        loads: that each carries [N m].
         is_servo: whether goals are commanded, not torques.
         rng: of motions, rates and noise.
     """
     rate = float(rng.choice([50, 100, 250]))
     has_speed = rng.random() < 0.7
     step = 2 * np.pi / rng.choice(STEPS)
-    episodes = {}
-    for k in range(int(rng.integers(4, 7))):
+    sensors = {
+        name: replace(sensor, step=step)
+        for name, sensor in measure_joints(robot, names, NOISE["position"]).items()
+    }
+    if has_speed:
+        both = measure_joints(robot, names, NOISE["position"], NOISE["velocity"])
+        sensors = sensors | {n: s for n, s in both.items() if n not in sensors}
+    for name, unit in (("gyro", "rad/s"), ("acc", "m/s^2")):
+        sensors[name] = Sensor("sensor", name, unit, NOISE[name])
+
+    def plan_episode() -> MotionPlan:
         time = np.arange(0, rng.uniform(6, 9), 1 / rate)
         goals = np.stack([_draw_goal(n, time, rng) for n in stated], 1)
-        ctrl, q, v, read = _simulate(model, time, goals, loads, is_servo)
-        signals = dict[str, Signal]()
-        for j, name in enumerate(names):
-            x = q[:, j] + rng.normal(0, NOISE["joint_position"], len(time))
-            _add(signals, "joint_position", name, np.round(x / step) * step, "rad")
-        for j, name in enumerate(names if has_speed else ()):
-            x = v[:, j] + rng.normal(0, NOISE["joint_velocity"], len(time))
-            _add(signals, "joint_velocity", name, x, "rad/s")
-        for columns, name, unit in (
-            (slice(0, 3), "gyro", "rad/s"), (slice(3, 6), "acc", "m/s^2"),
-        ):  # fmt: skip
-            noise = rng.normal(0, NOISE[name], (len(time), 3))
-            _add(signals, "sensor", name, read[:, columns] + noise, unit)
-        commands = tuple(model.actuator(a).name for a in range(model.nu))
-        episodes[f"run{k}"] = Episode(time, ctrl, commands, signals)
-    return Recording(episodes, robot="drawn")
+        command = command_table(goals) if is_servo else _follow_by_torque(robot, goals)
+        rows = np.round(time / TIMESTEP).astype(int)
+        return MotionPlan("", rows, command, goals[0], 0 * goals[0])
 
-
-def _add(
-    signals: dict[str, Signal], kind: str, target: str, values: Values, unit: str
-) -> None:
-    """A signal by the name that an import would give it.
-
-    Args:
-        signals: to which it is added.
-        kind, target, values, unit: of it.
-    """
-    name = name_signal(kind, target, signals)
-    signals[name] = Signal(values, kind, target, unit)
+    plans = (plan_episode() for _ in range(int(rng.integers(4, 7))))
+    truth = make_hidden_robot(robot, {}, "")
+    return record_plans(
+        Instruments(robot, sensors), truth, plans, rng, state=False
+    ).seen
 
 
 def _draw_goal(n: _Numbers, time: Values, rng: np.random.Generator) -> Values:
@@ -239,46 +236,26 @@ def _draw_goal(n: _Numbers, time: Values, rng: np.random.Generator) -> Values:
     )
 
 
-def _simulate(
-    model: mujoco.MjModel, time: Values, goals: Values, loads: list[float],
-    is_servo: bool,
-) -> tuple[Values, Values, Values, Values]:  # fmt: skip
-    """Commands, positions, velocities and readings of the board, a row each sample.
-
-    Torques are those of a controller of 3 Hz that knows the weight by half.
+def _follow_by_torque(robot: Robot, goals: Values) -> Command:
+    """Torques of a controller of 3 Hz that knows the weight by half.
 
     Args:
-        model: of the true robot.
-        time: (T) of the samples [s].
+        robot: as it is.
         goals: (T, n) [rad].
-        loads: that each joint carries [N m].
-        is_servo: whether goals are commanded.
     """
-    data = mujoco.MjData(model)
+    model, data = robot.model, mujoco.MjData(robot.model)
     data.qpos[:] = goals[0]
-    ctrl, q, v = (np.empty_like(goals) for _ in range(3))
-    read = np.empty((len(time), model.nsensordata))
     mujoco.mj_forward(model, data)
     inertia = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, inertia)
     rate = 2 * np.pi * BANDWIDTH
     stiffness = rate**2 * np.diag(inertia)
-    for k in range(len(time)):
+    low, high = model.actuator_ctrlrange.T
+
+    def command(k: int, there: Any) -> Values:
+        data.qpos[:], data.qvel[:] = there.qpos, there.qvel
         mujoco.mj_forward(model, data)
-        if is_servo:
-            data.ctrl[:] = goals[k]
-        else:
-            data.ctrl[:] = (
-                stiffness * (goals[k] - data.qpos) - 1.4 / rate * stiffness * data.qvel
-                + data.qfrc_bias / 2
-            )  # fmt: skip
-        low, high = model.actuator_ctrlrange.T
-        if not is_servo:
-            data.ctrl[:] = np.clip(data.ctrl, low, high)
-        mujoco.mj_forward(model, data)
-        ctrl[k], q[k], v[k], read[k] = (
-            data.ctrl, data.qpos, data.qvel, data.sensordata,
-        )  # fmt: skip
-        ahead = (time[k + 1] if k + 1 < len(time) else time[k]) - data.time
-        mujoco.mj_step(model, data, round(ahead / model.opt.timestep))
-    return ctrl, q, v, read
+        asked = stiffness * (goals[k] - data.qpos) + data.qfrc_bias / 2
+        return np.clip(asked - 1.4 / rate * stiffness * data.qvel, low, high)
+
+    return command

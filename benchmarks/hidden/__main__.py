@@ -1,0 +1,195 @@
+"""Diagnoses of hidden robots: their missing physics is known to the scorer alone.
+
+    python -m benchmarks.hidden make sealed --cases 60 --out DIR --keys KEYS
+    python -m benchmarks.hidden run --cases DIR --jobs 2
+    python -m benchmarks.hidden score sealed --cases DIR --keys KEYS
+
+Suites: `sealed` draws one or two effects, none, or one that the catalogue lacks;
+`drives` draws robots whose models lack drives, and more kinds of what real robots lack;
+`others` are robots that were written down. `make` simulates robots that differ from the
+model as given; `run` diagnoses each case in a folder that holds its model and its
+recording alone, and goes on where it was interrupted; `score` opens the keys and gives
+docs/results/NAME.md. Sealed seeds below 5000 are for development, those from 5000 on
+for the reported run.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases
+from benchmarks.hidden import drafts, drives, others, sealed
+from benchmarks.hidden.case import Case, save_case
+from benchmarks.hidden.judge import drives as judge_drives
+from benchmarks.hidden.judge import page
+from benchmarks.hidden.judge import sealed as judge_sealed
+from benchmarks.hidden.judge.sealed import Judged, read_json
+from benchmarks.hidden.truth import UnfitDraw
+from benchmarks.writer import Section, make_parser, publish_results
+from selfheal.errors import InputError
+from selfheal.mujoco_files import silence_mujoco
+
+Task = tuple[str, str, Callable[[], Case]]  # name, kind and maker of a case
+
+
+@dataclass(frozen=True)
+class Suite:
+    """A suite of cases.
+
+    Attributes:
+        title: of its page.
+        kinds: of its cases, the usual one first; empty: it is not drawn.
+        list_tasks: the cases that the command line asks for.
+        read_case: judges one case of a folder.
+        make_sections: makes the page of judged cases.
+        compute_figures: gives its figures.
+    """
+
+    title: str
+    kinds: Sequence[str]
+    list_tasks: Callable[[argparse.Namespace], Iterator[Task]]
+    read_case: Callable[..., Judged]
+    make_sections: Callable[[Sequence[Judged]], list[Section]]
+    compute_figures: Callable[[Sequence[Judged]], dict[str, Any]]
+
+
+def _list_drawn(suite: Any, options: argparse.Namespace, **chosen: Any):
+    for kind in options.kind or [SUITES[options.suite].kinds[0]]:
+        for seed in range(options.first_seed, options.first_seed + options.cases):
+            make = partial(suite.make_case, kind, seed, **chosen)
+            yield suite.name_case(kind, seed), suite.find_kind(kind, seed), make
+
+
+def _list_sealed(options: argparse.Namespace) -> Iterator[Task]:
+    return _list_drawn(sealed, options, effects=options.effects, robots=options.robots)
+
+
+def _list_drives(options: argparse.Namespace) -> Iterator[Task]:
+    return _list_drawn(drives, options)
+
+
+def _list_others(options: argparse.Namespace) -> Iterator[Task]:
+    for name in options.only or others.OTHER_CASES:
+        yield name, others.OTHER_CASES[name].kind, partial(others.make_case, name)
+
+
+_SEALED = (
+    judge_sealed.read_case,
+    page.make_sections,
+    judge_sealed.compute_figures,
+)
+SUITES = {
+    "sealed": Suite(
+        "The sealed benchmark of diagnose",
+        ("mixed", *sealed.KINDS),
+        _list_sealed,
+        *_SEALED,
+    ),
+    "others": Suite("Diagnoses of other robots", (), _list_others, *_SEALED),
+    "drives": Suite(
+        "Drives that a model lacks",
+        tuple(drafts.KINDS),
+        _list_drives,
+        judge_drives.read_case,
+        page.make_drive_sections,
+        judge_drives.compute_figures,
+    ),
+}
+
+
+def make_cases(options: argparse.Namespace) -> int:
+    """Make the cases that are not there yet."""
+    silence_mujoco()
+    failed, kinds = 0, SUITES[options.suite].kinds
+    if unknown := set(options.kind) - set(kinds):
+        sys.exit(f"unknown: {', '.join(sorted(unknown))}; known: {', '.join(kinds)}")
+    for name, kind, make in SUITES[options.suite].list_tasks(options):
+        start, file = time.perf_counter(), options.keys / name / "key.json"
+        if known := read_json(file):
+            if known["kind"] != kind:  # a seed is of one kind only
+                sys.exit(f"{file} is of another kind than {kind}: take other seeds")
+            continue
+        try:
+            save_case(make(), options.out, options.keys)
+        except UnfitDraw as reason:
+            failed += 1
+            print(f"no case {name}: {reason}", file=sys.stderr)
+            continue
+        print(f"{name}: {time.perf_counter() - start:.1f} s", file=sys.stderr)
+    return 1 if failed else 0
+
+
+def run_diagnoses(options: argparse.Namespace) -> int:
+    """Diagnose the cases that have no diagnosis yet."""
+    program = tuple(options.program.split())
+    limits = ProcessLimits(options.seconds, program)
+    try:
+        return 1 if diagnose_cases(options.cases, options.jobs, limits) else 0
+    except InputError as reason:
+        sys.exit(str(reason))
+
+
+def score_diagnoses(options: argparse.Namespace) -> int:
+    """Open the keys and write the page."""
+    silence_mujoco()
+    suite, replay = SUITES[options.suite], tuple(options.replay.split())
+    names = sorted(p.parent.name for p in options.keys.glob("*/key.json"))
+    folders = [options.cases / n for n in names if (options.cases / n).is_dir()]
+    read = partial(suite.read_case, keys=options.keys, replay=replay)
+    with ProcessPoolExecutor(options.jobs) as pool:
+        cases = list(pool.map(read, folders))
+    data = {"figures": suite.compute_figures(cases), "cases": cases}
+    name = options.name or options.suite
+    sections = suite.make_sections(cases)
+    publish_results(options.root, name, suite.title, sections, data)
+    return 0
+
+
+def main() -> int:
+    """Read the command line and do what it says."""
+    line = make_parser(__doc__ or "")
+    commands = line.add_subparsers(dest="command", required=True)
+    making = commands.add_parser("make", help="simulate cases")
+    making.add_argument("suite", choices=SUITES)
+    making.add_argument("--cases", type=int, default=60, help="seeds of each kind")
+    making.add_argument("--kind", nargs="+", default=(), help="of drawn cases")
+    making.add_argument("--first-seed", type=int, default=5000)
+    making.add_argument("--out", type=Path, required=True)
+    making.add_argument("--keys", type=Path, required=True)
+    making.add_argument("--effects", nargs="*", default=(), help="sealed: only these")
+    making.add_argument("--robots", nargs="*", default=(), help="sealed: only these")
+    making.add_argument(
+        "--only", nargs="+", choices=others.OTHER_CASES, metavar="NAME",
+        default=(), help="others: only these",
+    )  # fmt: skip
+    making.set_defaults(do=make_cases)
+    running = commands.add_parser("run", help="diagnose them")
+    running.add_argument("--cases", type=Path, required=True)
+    running.add_argument("--jobs", type=int, default=2)
+    running.add_argument("--seconds", type=float, default=900.0, help="of each at most")
+    running.add_argument("--program", default="selfheal diagnose")
+    running.set_defaults(do=run_diagnoses)
+    scoring = commands.add_parser("score", help="open the keys")
+    scoring.add_argument("suite", choices=SUITES)
+    scoring.add_argument("--cases", type=Path, required=True)
+    scoring.add_argument("--keys", type=Path, required=True)
+    scoring.add_argument("--jobs", type=int, default=1)
+    scoring.add_argument("--name", help="of the page; the suite's by default")
+    scoring.add_argument(
+        "--replay",
+        default="selfheal replay",
+        help="scores each diagnosis on its test; empty: not",
+    )
+    scoring.set_defaults(do=score_diagnoses)
+    options = line.parse_args()
+    return options.do(options)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

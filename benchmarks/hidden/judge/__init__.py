@@ -1,0 +1,1 @@
+"""Diagnoses judged by keys: names, intervals, and predictions of held-out motion."""

@@ -1,0 +1,1 @@
+"""Robots as their users have them: drawn by number, drawn as chains, written down."""

@@ -1,0 +1,296 @@
+"""Chains of 1 to 7 driven joints on a fixed base: a generator in, robots out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from benchmarks.hidden.robots.robot import Rng, Robot
+
+STEP = 0.0005  # [s] of the hidden robot; chosen: a quarter of a model's usual one
+
+
+@dataclass(frozen=True)
+class Link:
+    """A body of a chain, its joint, and what drives it.
+
+    Attributes:
+        joint: its name.
+        axis: of the joint, in MJCF.
+        at: (3) [m] where it is attached to the link before it.
+        to: (3) [m] where it ends.
+        radius: [m] of its capsule.
+        mass: [kg] of the capsule.
+        swing: [rad or m] amplitude of its motions.
+        home: [rad or m] in the middle of its motions.
+        slide: whether the joint is a slide.
+    """
+
+    joint: str
+    axis: str
+    at: tuple[float, float, float]
+    to: tuple[float, float, float]
+    radius: float
+    mass: float
+    swing: float
+    home: float = 0.0
+    slide: bool = False
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A chain of links, written by parts.
+
+    Attributes:
+        name: of its sort.
+        links: from the base outwards.
+        rate: [Hz] around which it moves.
+        timestep: [s] of the model.
+        integrator: of the model.
+        tilt: [rad] by which the base is turned about y.
+        linkage: whether the second of two links is the crank of a four-bar linkage.
+    """
+
+    name: str
+    links: tuple[Link, ...]
+    rate: float
+    timestep: float
+    integrator: str
+    tilt: float = 0.0
+    linkage: bool = False
+
+    def write(self, actuators: str = "") -> str:
+        """Its MJCF, with actuators."""
+        bodies = self._write_linkage() if self.linkage else self._write_links()
+        turn = f' euler="0 {self.tilt:.6g} 0"' if self.tilt else ""
+        return (
+            f'<mujoco model="{self.name}">\n'
+            '  <compiler angle="radian"/>\n'
+            f'  <option timestep="{self.timestep:g}" '
+            f'integrator="{self.integrator}"/>\n'
+            '  <default><geom contype="0" conaffinity="0"/></default>\n'
+            f'  <worldbody>\n    <body name="base"{turn}>\n'
+            '      <geom name="base_shape" type="box" size=".02 .02 .02" mass=".1"/>\n'
+            f"{bodies}    </body>\n  </worldbody>\n{self._write_loop()}"
+            f"{actuators and f'  <actuator>{actuators}</actuator>'}\n"
+            "</mujoco>\n"
+        )
+
+    def _write_joint(self, link: Link) -> str:
+        kind = ' type="slide"' if link.slide else ""
+        return f'<joint name="{link.joint}"{kind} axis="{link.axis}"/>'
+
+    def _write_links(self) -> str:
+        body = ""
+        for link in self.links:
+            body += (
+                f'      <body name="b_{link.joint}" pos="{_join(link.at)}">\n'
+                f"        {self._write_joint(link)}\n"
+                f'        <geom name="{link.joint}_shape" type="capsule" '
+                f'fromto="0 0 0 {_join(link.to)}" '
+                f'size="{link.radius:.6g}" mass="{link.mass:.8g}"/>\n'
+            )
+        return body + "      " + "</body>" * len(self.links) + "\n"
+
+    def _write_linkage(self) -> str:
+        """A leg whose knee is moved by a crank at the hip, through a rod."""
+        thigh, crank = self.links
+        long, arm, mass = -thigh.to[2], crank.to[0], thigh.mass
+
+        def bar(to: str, size: float, share: float) -> str:
+            return (
+                f'<geom type="capsule" fromto="{to}" size="{size * thigh.radius:.6g}" '
+                f'mass="{share * mass:.8g}"/>'
+            )
+
+        return f"""      <body name="b_{thigh.joint}">
+        {self._write_joint(thigh)}
+        {bar(f"0 0 0 0 0 {-long:.6g}", 1.0, 1.0)}
+        <body name="b_{crank.joint}" pos="0 {0.1 * long:.6g} 0">
+          {self._write_joint(crank)}
+          {bar(f"0 0 0 {arm:.6g} 0 0", 0.4, crank.mass / mass)}
+          <body name="rod" pos="{arm:.6g} 0 0">
+            <joint name="rod" axis="0 1 0"/>
+            {bar(f"0 0 0 0 0 {-long:.6g}", 0.3, 0.08)}
+          </body>
+        </body>
+        <body name="shank" pos="0 0 {-long:.6g}">
+          <joint name="knee" axis="0 1 0"/>
+          {bar(f"0 0 0 0 0 {-long:.6g}", 0.8, 0.4)}
+        </body>
+      </body>
+"""
+
+    def _write_loop(self) -> str:
+        if not self.linkage:
+            return ""
+        anchor = f"0 0 {self.links[0].to[2]:.6g}"
+        return f"""  <equality>
+    <connect body1="rod" body2="shank" anchor="{anchor}" solref=".004 1"/>
+  </equality>
+"""
+
+    def add_drives(self, rng: Rng, style: str) -> Robot:
+        """The robot with servo gains and torque limits that fit its size.
+
+        Args:
+            rng: draws them.
+            style: "position", "general", "motor" or "none", of its actuators.
+        """
+        torques, inertias = measure_loads(self)
+        written = ""
+        stiff = rng.uniform(2.5, 6.0)  # Hz of a servo's closed loop
+        for link, torque, inertia in zip(self.links, torques, inertias, strict=True):
+            kp = kv = 0.0
+            if style in ("position", "general"):
+                # a real drive's rotor makes it slower than the model says
+                kp = 2.0 * inertia * (2 * np.pi * stiff) ** 2 + 2.0 * torque
+                kv = 2 * rng.uniform(0.3, 0.8) * np.sqrt(kp * 2 * inertia)
+            limit = 12 * torque if style != "none" and rng.random() < 0.6 else 0.0
+            written += _write_actuator(link, style, kp, kv, limit)
+        names = [link.joint for link in self.links]
+        return Robot(
+            self.name,
+            self.write(written),
+            load=dict(zip(names, torques, strict=True)),
+            amplitude={link.joint: link.swing for link in self.links},
+            center={link.joint: link.home for link in self.links},
+            links=[f"b_{name}" for name in names],
+            fine=STEP,
+            rate=self.rate,
+            inertia=dict(zip(names, inertias, strict=True)),
+        )
+
+
+def _join(values: Sequence[float]) -> str:
+    return " ".join(f"{value:.6g}" for value in values)
+
+
+def _write_actuator(link: Link, style: str, kp: float, kv: float, limit: float) -> str:
+    if style == "none":
+        return ""
+    head = f'name="m_{link.joint}" joint="{link.joint}"'
+    more = f' forcerange="{-limit:.6g} {limit:.6g}"' if limit else ""
+    if style == "motor":
+        return f"\n    <motor {head}{more}/>"
+    if style == "position":
+        return f'\n    <position {head} kp="{kp:.6g}" kv="{kv:.6g}"{more}/>'
+    gains = f'gainprm="{kp:.6g}" biasprm="0 {-kp:.6g} {-kv:.6g}"'
+    return f'\n    <general {head} biastype="affine" {gains}{more}/>'
+
+
+def measure_loads(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+    """Typical torques and inertias of the joints along their motions.
+
+    Returns:
+        (n) [N m or N] and (n) [kg m^2 or kg].
+    """
+    model = mujoco.MjModel.from_xml_string(chain.write())
+    data = mujoco.MjData(model)
+    at = [model.joint(link.joint).dofadr[0] for link in chain.links]
+    home, swings = np.array([(link.home, link.swing) for link in chain.links]).T
+    rng, weights, inertias = np.random.default_rng(0), [], []
+    for _ in range(30):
+        data.qpos[at] = home + swings * rng.uniform(-1, 1, len(at))
+        mujoco.mj_forward(model, data)
+        full = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, full)
+        weights.append(np.abs(data.qfrc_bias[at]))
+        inertias.append(np.diag(full)[at])
+    inertia = np.mean(inertias, 0)
+    pull = swings * (2 * np.pi * chain.rate) ** 2
+    return np.mean(weights, 0) + 0.5 * inertia * pull, inertia
+
+
+# ---------------------------------------------------------------- sorts of robots
+
+
+def _make_links(
+    rng: Rng, axes: Sequence[str], size: float, heavy: float, names: Sequence[str]
+) -> list[Link]:
+    """A chain whose links become shorter, thinner and lighter outwards."""
+    links, before = [], (0.0, 0.0, 0.0)
+    for i, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        share = 1 - 0.6 * i / max(len(axes) - 1, 3)
+        length = size * share * rng.uniform(0.8, 1.2)
+        mass = heavy * share**2 * rng.uniform(0.6, 1.4)
+        side = 0.15 * length * rng.uniform(-1, 1)
+        to = (0.1 * length, side, -length)
+        swing = rng.uniform(0.4, 0.9)
+        home = rng.uniform(-0.4, 0.4)
+        links.append(Link(name, axis, before, to, 0.12 * length, mass, swing, home))
+        before = to
+    return links
+
+
+def _make_scara(rng: Rng, size: float, heavy: float) -> list[Link]:
+    first, second = size * rng.uniform(0.8, 1.2, 2)
+    drop = 0.4 * size
+    return [
+        Link("shoulder", "0 0 1", (0, 0, 0), (first, 0, 0), 0.1 * size, heavy, 0.9),
+        Link("elbow", "0 0 1", (first, 0, 0), (second, 0, 0), 0.08 * size,
+             0.6 * heavy, 0.9, 0.4),
+        Link("lift", "0 0 1", (second, 0, 0), (0, 0, -drop), 0.04 * size,
+             0.25 * heavy, 0.2 * size, 0.0, slide=True),
+        Link("roll", "0 0 1", (0, 0, -drop), (0.1 * size, 0, -0.1 * size),
+             0.04 * size, 0.12 * heavy, 1.2),
+    ]  # fmt: skip
+
+
+AXES = {
+    1: ["0 1 0"],
+    2: ["0 1 0", "0 1 0"],
+    3: ["1 0 0", "0 1 0", "0 1 0"],
+    4: ["0 0 1", "0 1 0", "0 1 0", "1 0 0"],
+    5: ["0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1"],
+    6: ["0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1"],
+    7: ["0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1"],
+}
+SORTS = {1: "pendulum", 2: "double_pendulum", 3: "leg", 4: "scara"}
+NAMES = {3: ["hip_roll", "hip_pitch", "knee"]}
+# length [m] and mass [kg] of a first link, rate [Hz] of its motions: bus servos, legs,
+# industrial arms
+SIZES = ((0.09, 0.12, 1.0), (0.25, 1.6, 0.8), (0.45, 7.0, 0.4))
+
+
+def draw_chain(rng: Rng, count: int, style: str) -> Robot:
+    """A random robot.
+
+    Args:
+        rng: draws it.
+        count: of its joints, 1 to 7.
+        style: "servo", "motor" or "none", of its actuators.
+    """
+    size, heavy, rate = SIZES[rng.integers(3)]
+    size, heavy = size * rng.uniform(0.8, 1.25), heavy * rng.uniform(0.7, 1.4)
+    name = SORTS.get(count, f"arm{count}")
+    if name == "scara" and rng.random() < 0.5:
+        links = _make_scara(rng, size, heavy)
+    else:
+        name = "arm4" if name == "scara" else name
+        names = NAMES.get(count, [f"j{i + 1}" for i in range(count)])
+        links = _make_links(rng, AXES[count], size, heavy, names)
+    if style == "servo":
+        style = ("position", "general")[rng.integers(2)]
+    chain = Chain(
+        name,
+        tuple(links),
+        rate * rng.uniform(0.8, 1.3),
+        float(rng.choice([0.001, 0.002, 0.002])),
+        str(rng.choice(["implicitfast", "implicitfast", "Euler"])),
+        float(rng.choice([0.0, 0.0, 0.2])),
+    )
+    return chain.add_drives(rng, style)
+
+
+def draw_linkage(rng: Rng) -> Robot:
+    """A random leg with a four-bar linkage, of two servos."""
+    long, mass = rng.uniform(0.2, 0.35), rng.uniform(0.8, 2.5)
+    arm = rng.uniform(0.18, 0.3) * long
+    thigh = Link("hip", "0 1 0", (0, 0, 0), (0, 0, -long), 0.08 * long, mass, 0.5, 0.2)
+    crank = Link("crank", "0 1 0", (0, 0, 0), (arm, 0, 0), 0.03 * long, 0.07 * mass,
+                 0.5)  # fmt: skip
+    rate, step = rng.uniform(0.5, 1.0), float(rng.choice([0.001, 0.002]))
+    chain = Chain("linkage", (thigh, crank), rate, step, "implicitfast", linkage=True)
+    return chain.add_drives(rng, "position")

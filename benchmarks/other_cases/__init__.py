@@ -1,1 +1,0 @@
-"""Diagnosis cases of another style than the sealed ones, always the same."""

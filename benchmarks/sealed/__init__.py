@@ -1,1 +1,0 @@
-"""Diagnosis cases whose missing physics only the scorer knows."""
