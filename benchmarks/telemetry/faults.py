@@ -1,7 +1,7 @@
 """Faults put into clean recordings: takes a recording, gives it with one fault."""
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from selfheal.recording import Episode, Recording
+from selfheal.telemetry import Fault
 from selfheal.telemetry.joints import JointColumns, list_joints
 
 Values = np.ndarray
@@ -42,6 +43,24 @@ class Injection:
     model: mujoco.MjModel
 
 
+def judge(
+    kinds: Collection[str], columns: frozenset[str], faults: list[Fault]
+) -> tuple[bool, list[Fault], list[Fault]]:
+    """Whether a known fault was found, what locates it, and what else was reported.
+
+    Args:
+        kinds: of faults that name it rightly.
+        columns: that are at fault, or the episode; empty where there is none.
+        faults: that were found.
+    """
+    right = [f for f in faults if f.kind in kinds]
+    located = [
+        f for f in right
+        if not columns or columns & {*f.columns, *f.episodes, *f.alternatives}
+    ]  # fmt: skip
+    return bool(right), located, [f for f in faults if f not in located]
+
+
 def inject_faults(
     recording: Recording, model: mujoco.MjModel, rng: np.random.Generator
 ) -> Iterator[Injection]:
@@ -55,7 +74,7 @@ def inject_faults(
         model: of its robot.
         rng: chooses joints.
     """
-    every = list_joints(recording, model)
+    every = list_joints(recording, model).values()
     joints = [j for j in every if j.position and _moves(recording, j.position)]
     if joints:
         yield from _inject_joint(recording, model, joints, rng)
@@ -86,14 +105,7 @@ def _inject_joint(
     joints: list[JointColumns],
     rng: np.random.Generator,
 ) -> Iterator[Injection]:
-    """Faults of one joint's columns.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joints: that move.
-        rng: chooses one.
-    """
+    """Faults of one joint's columns."""
     joint = joints[rng.integers(len(joints))]
     both, position = frozenset(joint.columns), frozenset([joint.position])
 
@@ -138,14 +150,7 @@ def _inject_odd(
     joint: JointColumns,
     rng: np.random.Generator,
 ) -> Iterator[Injection]:
-    """One episode in which a joint's columns have another sign, unit or zero.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joint: of the columns.
-        rng: chooses the episode.
-    """
+    """One episode in which a joint's columns have another sign, unit or zero."""
     odd = str(rng.choice(list(recording.episodes)))
     both, position = frozenset(joint.columns), frozenset([joint.position])
     readings = recording.episodes[odd].signals[joint.position].values
@@ -166,7 +171,7 @@ def _inject_odd(
 
 def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
     """A clock that runs slow: of all velocities, or of all readings of servos."""
-    joints = list_joints(recording, model)
+    joints = list_joints(recording, model).values()
     longest = max(float(np.ptp(e.time)) for e in recording.episodes.values())
     speeds = frozenset(j.velocity for j in joints if j.velocity and j.position)
     led = frozenset(j.position for j in joints if j.position and j.servo)
@@ -266,14 +271,7 @@ def _delay(time: Values, x: Values, seconds: float) -> Values:
 def _narrow(
     recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
 ) -> mujoco.MjModel:
-    """The model with a range of which the readings take a share, or leave it.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joint: whose range it is.
-        share: width of the range over that of the readings.
-    """
+    """The model with a range of which the readings take a share, or leave it."""
     x = np.concatenate(
         [e.signals[joint.position].values for e in recording.episodes.values()]
     )

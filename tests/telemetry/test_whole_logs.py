@@ -10,8 +10,8 @@ import pytest
 from selfheal.logs.log_map import ColumnRule, LogMap
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.map_corrections import correct_rules
+from tests.support.edited_logs import DEGREES
 
-DEGREES = 180 / np.pi
 MAP = LogMap([
     ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
     ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),

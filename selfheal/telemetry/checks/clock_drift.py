@@ -4,20 +4,18 @@ Two clocks that run at different rates part by the same time each second, in eve
 episode. A delay that physics causes stays, or changes once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording.data import Floats
-from .disagreements import Comparison
-from .fault import Fault, format_columns
-from .pairs import SAME
-from .series import Series
-
-if TYPE_CHECKING:
-    from .joints import JointColumns
+from ...recording.data import Floats
+from ..comparisons import Comparison
+from ..context import Context
+from ..fault import Fault, format_columns
+from ..relations import SAME, center
+from ..series import Series
+from ..states import thin
 
 MAX_ROWS = 2000  # that are compared; chosen: some milliseconds
 # delays that are tried first: growth in the longest episode [s], and grid rows; chosen
@@ -52,61 +50,51 @@ class Growth:
     seconds: float
 
 
-def find_drift(
-    comparison: Comparison, joints: Sequence["JointColumns"], series: Series, what: str
-) -> list[Fault]:
-    """One fault where the delays of most joints grow alike.
+def find(context: Context) -> Iterator[Fault]:
+    """One fault where the delays of most joints' velocities or positions grow alike."""
+    for comparison in context.comparisons:
+        yield from _compare_growths(comparison, context)
 
-    Args:
-        comparison: of two columns of each joint.
-        joints: with their columns.
-        series: of the recording.
-        what: "velocity" or "command": what is compared with the position.
-    """
-    every = {j.name: measure_growth(comparison, j.name, series)
-             for j in joints if j.name in comparison.first}  # fmt: skip
+
+def _compare_growths(comparison: Comparison, context: Context) -> Iterator[Fault]:
+    what = comparison.what
+    every = {name: measure_growth(comparison, name) for name in comparison.first}
     known = {name: g for name, g in every.items() if g is not None}
     sure = {n: g for n, g in known.items()
             if abs(g.slope) * g.seconds > MIN_GROWTH[what]
             and g.p_value * len(known) < MAX_P_VALUE}  # fmt: skip
     if not sure:
-        return []
+        return
     slope = float(np.median([g.slope for g in sure.values()]))
     alike = [n for n, g in known.items() if 1 / ALIKE < g.slope / slope < ALIKE]
     if len(alike) < ALIKE_SHARE * len(known):
-        return []
-    names = [getattr(j, "velocity" if what == "velocity" else "position")
-             for j in joints if j.name in alike]  # fmt: skip
-    other = "their positions" if what == "velocity" else "their commands"
-    first = sure[next(iter(sure))]
-    return [Fault(
-        "clock_drift", series.episodes, tuple(names), next(iter(sure)),
+        return
+    late, other = {"velocity": ("velocity", "their positions"),
+                   "command": ("position", "their commands")}[what]  # fmt: skip
+    names = [getattr(context.joints[n], late) for n in alike]
+    first = next(iter(sure))
+    yield Fault(
+        "clock_drift", context.series.episodes, tuple(names), first,
         f"{format_columns(names)} come {abs(1e3 * slope):.3g} ms "
         f"{'later' if slope > 0 else 'earlier'} against {other} each second: "
-        f"{abs(slope) * first.seconds:.2g} s in an episode",
+        f"{abs(slope) * sure[first].seconds:.2g} s in an episode",
         max(min(g.p_value for g in sure.values()) * len(known), 1e-300), BASIS,
         (f"[time.streams.NAME] of {format_columns(names)}: stretch = {1 - slope:.6g}",),
-    )]  # fmt: skip
+    )  # fmt: skip
 
 
-def measure_growth(comparison: Comparison, joint: str, series: Series) -> Growth | None:
-    """How the delay of a joint's second column grows; None where too little tells.
-
-    Args:
-        comparison: of two columns of each joint.
-        joint: its name.
-        series: of the recording.
-    """
+def measure_growth(comparison: Comparison, joint: str) -> Growth | None:
+    """How the delay of a joint's second column grows; None: not known."""
     from scipy.stats import t as student
 
+    series, lags = comparison.series, comparison.lags
     pair = _Pair.of(comparison.first[joint], comparison.second[joint], series)
     if len(np.unique(pair.block)) < MIN_BLOCKS:
         return None
-    low, high = comparison.lags
     first = [
         (lag * series.step, growth / pair.seconds)
         for growth in FIRST_GROWTHS
-        for lag in range(low, high + 1, FIRST_ROWS)
+        for lag in lags[::FIRST_ROWS]
     ]
     delay, slope = max(first, key=lambda f: pair.correlate(*f))
     for _ in range(STEPS):
@@ -152,10 +140,8 @@ class _Pair:
     def of(cls, x: Floats, y: Floats, series: Series) -> "_Pair":
         """The pair of two columns (N), without the means of episodes."""
         known = np.isfinite(x)
-        x, y = (_center(c, series.episode) for c in (x, y))
-        rows = np.flatnonzero(np.isfinite(y))
-        if len(rows) > MAX_ROWS:
-            rows = rows[np.linspace(0, len(rows) - 1, MAX_ROWS).astype(int)]
+        x, y = (center(c, series.episode) for c in (x, y))
+        rows = thin(np.flatnonzero(np.isfinite(y)), MAX_ROWS)
         every = np.arange(len(series.ids))
         first = np.searchsorted(series.episode, every)
         last = np.searchsorted(series.episode, every, side="right") - 1
@@ -171,9 +157,7 @@ class _Pair:
     def read(self, delay: float, slope: float) -> tuple[Floats, Floats, np.ndarray]:
         """The first column (n) that much earlier, its rate, and where they are known.
 
-        Args:
-            delay: at the middle of an episode [s].
-            slope: of the delay [s/s].
+        The delay is that at the middle of an episode [s], its slope in s/s.
         """
         at = self.rows - (delay + slope * self.since) / self.step
         every = np.arange(len(self.x))
@@ -202,11 +186,3 @@ class _Pair:
         spread = inverse @ (sums.T @ sums) @ inverse
         gain = found[0] if abs(found[0]) > 1e-9 else np.inf
         return found[1:] / gain, float(np.sqrt(spread[2, 2])) / abs(gain)
-
-
-def _center(values: Floats, episode: np.ndarray) -> Floats:
-    """Values (N) without the mean of each episode."""
-    known = np.isfinite(values)
-    count = np.bincount(episode[known], minlength=int(episode.max(initial=0)) + 1)
-    total = np.bincount(episode[known], values[known], minlength=len(count))
-    return values - (total / np.maximum(count, 1))[episode]

@@ -11,8 +11,9 @@ import numpy as np
 
 from ...recording import Recording
 from ...recording.data import Floats
+from ..context import Context
 from ..fault import Fault, format_columns
-from .columns import CHECKED, list_columns
+from ..raw_columns import READ, list_columns
 
 MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
 JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two
@@ -46,26 +47,22 @@ class Hold:
     other: int
 
 
-def find_stale(recording: Recording, goals: Mapping[str, str]) -> list[Fault]:
-    """Signals that hold each reading for several samples, while others go on.
-
-    Args:
-        recording: of the robot.
-        goals: names of the commands of servos, by signal that reads their joint.
-    """
+def find(context: Context) -> Iterator[Fault]:
+    """Signals that hold each reading for several samples, while others go on."""
+    goals = {n: j.servo.command for j in context.joints.values() if j.servo
+             for n in j.columns}  # fmt: skip
+    columns = list_columns(
+        context.recording, (*READ, "joint_torque"), MIN_JUMPS,
+        lambda values: np.std(values, axis=0),
+    )  # fmt: skip
     held: dict[str, list[tuple[str, Hold]]] = {}
     count = 0
-    for episode, name, time, values in list_columns(
-        recording,
-        (*CHECKED, "joint_torque"),
-        MIN_JUMPS,
-        lambda values: np.std(values, axis=0),
-    ):
+    for episode, name, time, values in columns:
         count += 1
         hold = measure_hold(time, values)
-        if hold and not _follows(recording, episode, goals.get(name), hold):
+        if hold and not _follows(context.recording, episode, goals.get(name), hold):
             held.setdefault(name, []).append((episode, hold))
-    return list(_tell(recording, held, count))
+    yield from _report(context.recording, held, count)
 
 
 def measure_hold(time: Floats, values: Floats) -> Hold | None:
@@ -115,16 +112,10 @@ def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -
     return usual > 1 and abs(usual - hold.samples) <= 1
 
 
-def _tell(
+def _report(
     recording: Recording, held: Mapping[str, Sequence[tuple[str, Hold]]], count: int
 ) -> Iterator[Fault]:
-    """A fault of all columns that are held alike.
-
-    Args:
-        recording: of the robot.
-        held: episodes and holds of each signal.
-        count: of the columns that were looked at.
-    """
+    """Faults of the signals that are held alike, of so many columns."""
     from scipy.stats import binom
 
     alike: dict[int, list[str]] = {}

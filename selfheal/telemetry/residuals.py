@@ -1,0 +1,68 @@
+"""What a map of the columns leaves unexplained: squares in, comparisons of maps out."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..recording.data import Floats
+
+SMALL = 0.01  # of the mean difference of blocks, that is not ranked; chosen
+CHANGED = 0.3  # change of a share's logarithm that is no noise; chosen
+MIN_BLOCKS = 6  # of which half is held out at a time; chosen: three fit nine terms
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """What a map leaves of D torques, or of the motion of D joints and bodies.
+
+    Attributes:
+        share: (D) share of the mean square that is left [1].
+        error: (D) mean square that is left, in units in which maps are compared.
+        blocks: (B, D) the same of each block, in units of `scale`.
+        scale: (D) unit of the blocks.
+        size: (D) mean square of what is explained, in units of `error`.
+    """
+
+    share: Floats
+    error: Floats
+    blocks: Floats
+    scale: Floats
+    size: Floats
+
+    @property
+    def worst(self) -> float:
+        """The largest share that is left."""
+        return float(self.share.max(initial=0.0))
+
+    def select_changed(self, other: "Residuals") -> Floats:
+        """Shares that are left (n) of what `other` explains differently [1]."""
+        return self.share[np.abs(np.log(self.error / other.error)) > CHANGED]
+
+    def gain_over(self, other: "Residuals") -> tuple[float, float]:
+        """Nats a row by which this explains more than another map, and its p-value.
+
+        The p-value is that of a one-sided Wilcoxon signed-rank test over the blocks
+        (Wilcoxon 1945).
+        """
+        from scipy.stats import wilcoxon
+
+        # of differences of squares, those that are small say nothing: blocks at rest
+        each = np.sum((other.blocks - self.blocks) / other.scale, axis=1)
+        each = each[np.isfinite(each)]
+        each = each[np.abs(each) > SMALL * np.mean(np.abs(each))]
+        gain = float(np.sum(np.log(other.error / self.error) / 2))
+        if len(each) < MIN_BLOCKS or not np.any(each):
+            return gain, 1.0
+        return gain, float(wilcoxon(each, alternative="greater").pvalue)
+
+
+def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:
+    """Mean (count) of values (n) in each of so many blocks; 0 where it has none.
+
+    Args:
+        values: (n).
+        block: (n) number of each one's block.
+        count: of blocks.
+    """
+    rows = np.maximum(np.bincount(block, minlength=count), 1)
+    return np.bincount(block, values, minlength=count) / rows
