@@ -16,8 +16,8 @@ from ..recording import find_joint
 from ..recording.data import Floats
 from .contacts import list_contacts
 from .joints import follows_command
-from .residuals import MIN_BLOCKS, Residuals, average_blocks
-from .states import ColumnMap, States, thin
+from .residuals import MIN_BLOCKS, Explainer, Residuals
+from .states import ColumnMap, States
 from .terms import Terms, make_terms
 
 if TYPE_CHECKING:
@@ -30,16 +30,11 @@ CONTACT_MARGIN, CONTACT_KERNELS = 0.005, 3.0
 LATE = 0.01  # [s] by which commands are shifted for their derivative; chosen
 
 
-class TorqueBalance:
+class TorqueBalance(Explainer):
     """The balance of one recording: evaluates maps of the columns in the same rows.
 
     Attributes:
-        reason: why it cannot be computed; "" where it can.
-        states: of the recording.
-        model: of the robot, as it is given.
         free: the model without contacts, limits, friction and constraints.
-        rows: (n) of the series.
-        block: (n) number of the block of each.
         dofs: (D) degrees of freedom whose torques are all known.
         torques: of the log as it is, see `compute_torques`.
         terms: of the log as it is, of each of the D.
@@ -52,42 +47,38 @@ class TorqueBalance:
         """Choose the rows."""
         import mujoco
 
-        self.states, self.series, self.model = states, states.series, states.model
-        self._known = dict[str, Residuals]()
+        super().__init__(states)
         self.free = copy.copy(self.model)
         flags = mujoco.mjtDisableBit
         for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_LIMIT, flags.mjDSBL_EQUALITY,
                      flags.mjDSBL_FRICTIONLOSS):  # fmt: skip
             self.free.opt.disableflags |= int(flag)
-        self.reason = states.reason
         if not self.reason and self.model.neq and self.model.eq_active0.any():
             self.reason = (
                 "the model has equality constraints, whose forces are not known"
             )
         if self.reason:
             return
-        self.rows = self._choose_rows()
-        blocks = np.unique(self.series.block[self.rows])
-        if len(blocks) < MIN_BLOCKS:
+        count = self.choose(self._find_known(), MAX_ROWS)
+        if count < MIN_BLOCKS:
             self.reason = (
-                f"all positions are known, away from contacts, in {len(blocks)} blocks "
+                f"all positions are known, away from contacts, in {count} blocks "
                 f"of about 1 s; at least {MIN_BLOCKS} are needed"
             )
             return
-        self.block = np.searchsorted(blocks, self.series.block[self.rows])
         self.dofs = self._list_dofs()
         self.torques = self.compute_torques(ColumnMap(), self.rows)
         swing = np.sqrt(np.mean(self.torques["hold"] ** 2, axis=0))
         self.stiffness = swing / np.maximum(np.std(self.torques["q"], axis=0), 1e-6)
         self.terms = self._list_terms(self.torques)
 
-    def _choose_rows(self) -> np.ndarray:
-        """Rows in which all positions are known, away from contacts."""
+    def _find_known(self) -> np.ndarray:
+        """(N) whether all positions are known in a row, away from contacts."""
         known = self.states.find_known()
         collides = (self.model.geom_contype != 0) | (self.model.geom_conaffinity != 0)
         if collides.sum() > 1:
             known &= ~self._find_contacts(np.flatnonzero(known))
-        return thin(np.flatnonzero(known), MAX_ROWS)
+        return known
 
     def _find_contacts(self, rows: np.ndarray) -> np.ndarray:
         """(N) whether something touches in some rows (n) or near them."""
@@ -121,23 +112,16 @@ class TorqueBalance:
                 lost |= (moment[outputs] != 0).any(axis=0)
         return np.flatnonzero(~lost)
 
-    def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
-        """What a map of the columns leaves in each so many rows, held out.
+    def _evaluate(self, column_map: ColumnMap, chosen: slice) -> Residuals:
+        """What a map leaves, held out.
 
         The error is over the square of the map's factor: likelihoods of one column are
         compared in its own unit.
         """
-        key = repr((column_map, every))
-        if key not in self._known:
-            self._known[key] = self._evaluate(column_map, every)
-        return self._known[key]
-
-    def _evaluate(self, column_map: ColumnMap, every: int) -> Residuals:
-        block = self.block[::every]
-        count = int(self.block.max()) + 1
+        block = self.block[chosen]
         left, size = np.empty(len(self.dofs)), np.empty(len(self.dofs))
-        blocks = np.empty((count, len(self.dofs)))
-        torques = self.compute_torques(column_map, self.rows[::every])
+        blocks = np.empty((int(self.block.max()) + 1, len(self.dofs)))
+        torques = self.compute_torques(column_map, self.rows[chosen])
         for k, terms in enumerate(self._list_terms(torques)):
             rest = np.empty_like(terms.missing)
             for here, found in terms.fit_others(block % 2):
@@ -147,7 +131,7 @@ class TorqueBalance:
             hold = float(np.mean(terms.parts["hold"]))
             size[k] = max(mean - hold**2, 1e-18)
             left[k] = np.mean(rest**2)
-            blocks[:, k] = average_blocks(rest**2, block, count)
+            blocks[:, k] = self.average(rest**2, block)
         for base in self.states.bases:
             first = self.model.jnt_dofadr[base]
             for three in (range(first, first + 3), range(first + 3, first + 6)):
@@ -191,17 +175,11 @@ class TorqueBalance:
     def compute_torques(
         self, column_map: ColumnMap, rows: np.ndarray
     ) -> dict[str, Floats]:
-        """Torques (n, nv) that parts of the motion take, or that give it [N m or N].
+        """Torques (n, nv) that parts of the motion in rows (n) take or are given.
 
-        Args:
-            column_map: of the columns.
-            rows: (n) of the series.
-
-        Returns:
-            "hold": at rest; "all": with velocities and accelerations; "own": of the
-            joint's own inertia [N m]. "act": of the actuators; "late": how that
-            changes as commands come later [N m/s]. "q", "v": of each degree of
-            freedom [rad, rad/s].
+        "hold": at rest [N m or N]; "all": with velocities and accelerations; "own": of
+        the joint's own inertia. "act": of the actuators; "late": how that changes as
+        commands come later [N m/s]. "q", "v": of each degree of freedom [rad, rad/s].
         """
         import mujoco
 
@@ -225,6 +203,26 @@ class TorqueBalance:
             mujoco.mj_fullM(m, data, inertia)
             out["own"][i] = np.diag(inertia) * a[i]
         return out | {"q": self.states.list_positions(q), "v": v}
+
+    def predict(
+        self, column_map: ColumnMap, rows: np.ndarray
+    ) -> tuple[Floats, Floats, Floats]:
+        """What positions, rates and accelerations in rows (n) give without forces.
+
+        Sensor data (n, nsensordata), orientations (nbody, n, 4), places (nbody, n, 3)
+        [m].
+        """
+        import mujoco
+
+        m, data, count = self.free, mujoco.MjData(self.free), len(rows)
+        out = np.zeros((count, m.nsensordata))
+        turns, places = (np.zeros((m.nbody, count, d)) for d in (4, 3))
+        states = zip(*self.states.compute(column_map, rows), strict=True)
+        for i, state in enumerate(states):
+            data.qpos[:], data.qvel[:], data.qacc[:] = state
+            mujoco.mj_inverse(m, data)
+            out[i], turns[:, i], places[:, i] = data.sensordata, data.xquat, data.xpos
+        return out, turns, places
 
     def _actuate(self, data: Any, ctrl: Floats) -> Floats:
         """Torques (nv) of the actuators by commands (nu)."""

@@ -3,7 +3,7 @@
 Each is computed once, when the first check asks for it.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -20,8 +20,9 @@ from .comparisons import (
     find_disagreements,
 )
 from .fault import Fault
-from .hypotheses import Explainer, Hypothesis, find_best, list_hypotheses
+from .hypotheses import Hypothesis, find_best, list_hypotheses
 from .joints import JointColumns, list_joints, list_signals
+from .residuals import Explainer
 from .rollouts import Rollouts
 from .series import Series, build_series
 from .states import ColumnMap, States
@@ -33,6 +34,11 @@ if TYPE_CHECKING:
 # corrected; chosen: concealed physics leaves a twelfth at most
 MAX_LEFT = 0.1
 MAX_FAULTS = 4  # that one explainer may find, one after the other; chosen
+
+
+# kinds of signals that sensors read of a motion
+READ = ("joint_position", "joint_velocity", "body_position", "body_orientation",
+        "body_linear_velocity", "body_angular_velocity", "sensor")  # fmt: skip
 
 
 class Context:
@@ -131,6 +137,27 @@ class Context:
             e.signals[signal].values for e in self.recording.episodes.values()
             if signal in e.signals
         ])  # fmt: skip
+
+    def list_columns(
+        self, kinds: Collection[str], least: int, measure: Callable[[Floats], Floats]
+    ) -> Iterator[tuple[str, str, Floats, Floats]]:
+        """The liveliest column of each signal in each episode.
+
+        Args:
+            kinds: of the signals.
+            least: samples that are read.
+            measure: how lively (d) columns (n, d) are.
+
+        Yields:
+            Episode, signal, times (n) [s] and readings (n) [unit].
+        """
+        for episode, e in self.recording.episodes.items():
+            for name, signal in e.signals.items():
+                values = signal.values.reshape(e.time.size, -1)
+                read = np.isfinite(values).all(axis=1)
+                if signal.kind in kinds and read.sum() >= least:
+                    column = int(np.argmax(measure(values[read])))
+                    yield episode, name, e.time[read], values[read, column]
 
     def search(
         self, explainer: Explainer, names: Sequence[str], limits: tuple[float, float],

@@ -102,11 +102,7 @@ class Fault:
 
 
 def list_decisive(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
-    """The faults for which a diagnosis is refused.
-
-    Args:
-        faults: of a recording.
-        skip: kinds that are not asked about.
+    """The faults for which a diagnosis is refused; `skip` are kinds to let pass.
 
     Raises:
         UnknownNameError: a kind that there is not.

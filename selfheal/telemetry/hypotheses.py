@@ -7,14 +7,13 @@ simulations where there is none.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Protocol
 
 import numpy as np
 
 from .fault import ColumnCorrection, correct_factor, format_columns
 from .joints import JointColumns
 from .relations import SHARES, list_units, name_unit
-from .residuals import Residuals
+from .residuals import Explainer
 from .states import ColumnMap
 
 MAX_P_VALUE = 1e-3  # of a hypothesis, times the number of those that were tried
@@ -51,13 +50,6 @@ class Hypothesis:
     def columns(self) -> tuple[str, ...]:
         """Signals and commands whose reading changes."""
         return self.signals + self.commands
-
-
-class Explainer(Protocol):
-    """What measures how well a log, read by a map, explains the motion."""
-
-    def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
-        """What it leaves, in each so many rows."""
 
 
 @dataclass(frozen=True)

@@ -166,9 +166,7 @@ def center(x: Floats, episode: NDArray[np.int_]) -> Floats:
 def name_unit(ratio: float, span: float = 0.0) -> str:
     """What a column is in, by its ratio to what it should be; "" where unknown.
 
-    Args:
-        ratio: what was written over what the contract asks [1].
-        span: of the joint's range, of which it may be a share; 0 where it has none.
+    It may be a share of a joint's range of that span; 0 where it has none.
     """
     size, units = abs(ratio), list_units(span)
     near = min(units, key=lambda n: abs(np.log(size / units[n])))
@@ -176,11 +174,7 @@ def name_unit(ratio: float, span: float = 0.0) -> str:
 
 
 def list_units(span: float = 0.0) -> dict[str, float]:
-    """Ratios by the names of units.
-
-    Args:
-        span: of the joint's range, of which a column may be a share; 0 for none.
-    """
+    """Ratios by the names of units, shares of a joint's range of that span too."""
     shares = {n: full / span for n, full in SHARES.items()} if span > 0 else {}
     return {**UNITS, **shares}
 

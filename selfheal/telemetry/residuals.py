@@ -1,10 +1,12 @@
 """What a map of the columns leaves unexplained: squares in, comparisons of maps out."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..recording.data import Floats
+from .states import ColumnMap, States, thin
 
 SMALL = 0.01  # of the mean difference of blocks, that is not ranked; chosen
 CHANGED = 0.3  # change of a share's logarithm that is no noise; chosen
@@ -54,6 +56,47 @@ class Residuals:
         if len(each) < MIN_BLOCKS or not np.any(each):
             return gain, 1.0
         return gain, float(wilcoxon(each, alternative="greater").pvalue)
+
+
+class Explainer(ABC):
+    """What explains the motion of one recording, in the same rows for every map.
+
+    Attributes:
+        states: of the recording.
+        series: of the recording.
+        model: of the robot, as it is given.
+        reason: why it explains nothing; "" where it does.
+        rows: (n) of the series.
+        block: (n) number of the block of each.
+    """
+
+    def __init__(self, states: States) -> None:
+        """Explain nothing where the states are not known."""
+        self.states, self.series, self.model = states, states.series, states.model
+        self.reason = states.reason
+        self._known = dict[str, Residuals]()
+
+    def choose(self, known: np.ndarray, most: int) -> int:
+        """Choose `most` rows out of those (N) that are known; in how many blocks."""
+        self.rows = thin(np.flatnonzero(known), most)
+        blocks = np.unique(self.series.block[self.rows])
+        self.block = np.searchsorted(blocks, self.series.block[self.rows])
+        return len(blocks)
+
+    def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
+        """What a map of the columns leaves in each so many rows; kept for the next."""
+        key = repr((column_map, every))
+        if key not in self._known:
+            self._known[key] = self._evaluate(column_map, slice(None, None, every))
+        return self._known[key]
+
+    @abstractmethod
+    def _evaluate(self, column_map: ColumnMap, chosen: slice) -> Residuals:
+        """What a map leaves in the rows that are chosen."""
+
+    def average(self, values: Floats, block: np.ndarray) -> Floats:
+        """Mean (B) of values (n) over each block; 0 where it has none."""
+        return average_blocks(values, block, int(self.block.max()) + 1)
 
 
 def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..recording.data import Floats
 from .balance import settle_activations
-from .residuals import MIN_BLOCKS, Residuals, average_blocks
-from .states import ColumnMap, States, thin
+from .residuals import MIN_BLOCKS, Explainer, Residuals
+from .states import ColumnMap, States
 
 HORIZON = 0.1  # [s] of a simulation; chosen: a servo answers, and errors stay small
 MAX_STARTS = 200  # of simulations; chosen: a second of work for a quadruped
@@ -21,34 +21,28 @@ MAX_MISS = 100.0  # of one simulation, in mean square changes; chosen: it diverg
 MAX_STEPS = 100  # of a simulation; chosen: as before
 
 
-class Rollouts:
+class Rollouts(Explainer):
     """Simulations from the same starts for every map of the columns.
 
     Attributes:
-        states: of the recording.
-        reason: why there are none; "" where there are.
-        rows: (n) of the series, in which they start.
-        block: (n) number of the block of each.
         groups: degrees of freedom of what moves together, by its name: joints, and
             "BODY place", "BODY turn".
     """
 
     def __init__(self, states: States) -> None:
         """Choose the starts."""
-        self.model, self.states, series = states.model, states, states.series
-        self.reason, self._known = states.reason, dict[str, Residuals]()
-        self.ahead = max(1, series.count_rows(HORIZON))
+        super().__init__(states)
+        self.ahead = max(1, self.series.count_rows(HORIZON))
         if self.reason:
             return
-        known = states.find_known()
-        both = known[: -self.ahead] & known[self.ahead :]
-        both &= series.episode[: -self.ahead] == series.episode[self.ahead :]
-        self.rows = thin(np.flatnonzero(both), MAX_STARTS)
-        blocks = np.unique(series.block[self.rows])
-        if len(blocks) < MIN_BLOCKS:
-            self.reason = f"{len(blocks)} blocks of about 1 s have all positions"
+        known, episode = states.find_known(), self.series.episode
+        known[: -self.ahead] &= known[self.ahead :]
+        known[: -self.ahead] &= episode[: -self.ahead] == episode[self.ahead :]
+        known[-self.ahead :] = False
+        count = self.choose(known, MAX_STARTS)
+        if count < MIN_BLOCKS:
+            self.reason = f"{count} blocks of about 1 s have all positions"
             return
-        self.block = np.searchsorted(blocks, series.block[self.rows])
         address = self.model.jnt_dofadr
         self.groups = {j.name: [int(address[j.number])] for j in states.joints.values()}
         for base, body in states.bases.items():
@@ -57,28 +51,21 @@ class Rollouts:
             self.groups[place] = [*range(first, first + 3)]
             self.groups[turn] = [*range(first + 3, first + 6)]
 
-    def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
-        """What simulations from a mapped log miss, of each so many starts."""
-        key = repr((column_map, every))
-        if key not in self._known:
-            self._known[key] = self._evaluate(column_map, every)
-        return self._known[key]
-
-    def _evaluate(self, column_map: ColumnMap, every: int) -> Residuals:
-        rows, block = self.rows[::every], self.block[::every]
+    def _evaluate(self, column_map: ColumnMap, chosen: slice) -> Residuals:
+        rows, block = self.rows[chosen], self.block[chosen]
         q, v, _ = self.states.compute(column_map, rows)
         end = self.states.compute(column_map, rows + self.ahead)[1]
         missed = self._simulate(column_map, rows, q, v) - end
         change = end - v
-        count = int(self.block.max()) + 1
-        share, blocks = np.empty(len(self.groups)), np.empty((count, len(self.groups)))
-        for g, dofs in enumerate(self.groups.values()):
+        shares, blocks = [], []
+        for dofs in self.groups.values():
             size = float(np.mean((change[:, dofs] ** 2).sum(axis=1))) + 1e-12
             miss = np.minimum((missed[:, dofs] ** 2).sum(axis=1) / size, MAX_MISS)
-            share[g] = max(float(np.mean(miss)), 1e-6)
-            blocks[:, g] = average_blocks(miss, block, count)
+            shares.append(max(float(np.mean(miss)), 1e-6))
+            blocks.append(self.average(miss, block))
+        share = np.array(shares)
         ones = np.ones_like(share)
-        return Residuals(share, share, blocks, ones, ones)
+        return Residuals(share, share, np.stack(blocks, axis=1), ones, ones)
 
     def _simulate(
         self, column_map: ColumnMap, rows: np.ndarray, q: Floats, v: Floats

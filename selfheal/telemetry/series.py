@@ -67,7 +67,7 @@ class Series:
         return np.flatnonzero(np.isin(self.episode, [*numbers]))
 
     def count_rows(self, seconds: float) -> int:
-        """Steps of the grid in a time."""
+        """Steps of the grid in a time [s]."""
         return round(seconds / self.step)
 
     @property

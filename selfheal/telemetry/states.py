@@ -14,6 +14,7 @@ from .series import Series
 if TYPE_CHECKING:
     import mujoco
 
+MAX_ROWS = 600  # that kinematics is evaluated in; chosen: tens of milliseconds
 W_X_Y_Z = (0, 1, 2, 3)
 X_Y_Z_W = (3, 0, 1, 2)  # places of w, x, y, z in a quaternion that ends in w
 
@@ -108,14 +109,9 @@ class States:
             known &= np.isfinite(self.series.signals[name][:, :, 2]).all(axis=1)
         return known
 
-    def choose_rows(self, known: np.ndarray | bool, most: int) -> np.ndarray:
-        """Rows (n) evenly out of those where all is known, `most` at most.
-
-        Args:
-            known: (N) whether what else is needed is known.
-            most: rows.
-        """
-        return thin(np.flatnonzero(known & self.find_known()), most)
+    def choose_rows(self, known: np.ndarray | bool = True) -> np.ndarray:
+        """Rows (n), evenly out of those where all and what else is needed is known."""
+        return thin(np.flatnonzero(known & self.find_known()), MAX_ROWS)
 
     def compute(
         self, column_map: ColumnMap, rows: np.ndarray
@@ -151,7 +147,7 @@ class States:
         return out
 
     def list_positions(self, qpos: Floats) -> Floats:
-        """Positions (n, nv) of hinges and slides in qpos (n, nq), 0 for free joints."""
+        """Hinges and slides (n, nv) of qpos (n, nq), 0 for free joints [rad or m]."""
         m, out = self.model, np.zeros((len(qpos), self.model.nv))
         for j in self.joints.values():
             out[:, m.jnt_dofadr[j.number]] = qpos[:, m.jnt_qposadr[j.number]]

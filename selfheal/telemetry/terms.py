@@ -55,12 +55,7 @@ class Terms:
     def fit_others(
         self, fold: np.ndarray, usable: np.ndarray | bool = True
     ) -> Iterator[tuple[np.ndarray, Floats]]:
-        """Rows of each fold, and the coefficients (k) of fits to the usable others.
-
-        Args:
-            fold: (n) number of the fold of each row.
-            usable: (n) whether a fit may see it.
-        """
+        """Whether rows (n) are of a fold, and coefficients (k) of the usable others."""
         for number in np.unique(fold):
             here = fold == number
             yield here, self.fit(~here & usable)

@@ -15,7 +15,7 @@ from selfheal.telemetry import (
     list_tolerable,
     refuse_faulty,
 )
-from tests.support.edited_logs import edit, flip, to_degrees
+from tests.support.logs.edited_logs import edit, flip, to_degrees
 
 
 def _exchange(recording, *pairs):

@@ -3,7 +3,7 @@
 import copy
 
 from selfheal.telemetry import examine_telemetry
-from tests.support.edited_logs import edit
+from tests.support.logs.edited_logs import edit
 
 
 def _find(model, recording, signals=1.0, ctrl=1.0):

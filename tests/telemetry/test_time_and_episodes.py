@@ -11,8 +11,8 @@ from selfheal.example.simulate import simulate_runs
 from selfheal.recording import Recording, read
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.residuals import Residuals
-from tests.support.edited_logs import edit, flip, to_degrees
 from tests.support.logs import newcomer_robots as robots
+from tests.support.logs.edited_logs import edit, flip, to_degrees
 
 JOINTS = ("shoulder", "elbow")
 

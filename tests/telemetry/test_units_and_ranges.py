@@ -10,7 +10,7 @@ import pytest
 from selfheal.recording import Signal
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.checks.ranges import soften
-from tests.support.edited_logs import edit
+from tests.support.logs.edited_logs import edit
 
 
 def _scale(recording, factor, offset, *names):

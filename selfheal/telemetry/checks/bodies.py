@@ -12,7 +12,6 @@ from ...recording.data import Floats
 from ..boards import find_turned
 from ..context import Context
 from ..fault import ColumnCorrection, Fault, correct_factor, format_columns
-from ..kinematics import MAX_ROWS, predict
 from ..relations import (
     DEPENDENT_ROWS,
     MIN_ROWS,
@@ -54,12 +53,10 @@ def _check_predicted(context: Context) -> Iterator[Fault]:
     import mujoco
 
     states, model, series = context.states, context.model, context.series
-    rows = states.choose_rows(True, MAX_ROWS)
+    rows = states.choose_rows()
     if len(rows) < MIN_ROWS:
         return
-    readings, _, places = predict(
-        context.balance.free, states, context.column_map, rows
-    )
+    readings, _, places = context.balance.predict(context.column_map, rows)
     expected, sensors = dict[str, Floats](), dict[str, str]()
     for (kind, target), name in context.signals.items():
         if kind == "sensor":

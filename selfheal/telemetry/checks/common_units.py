@@ -34,7 +34,7 @@ Change = tuple[float, float]  # value = factor * value + offset
 
 
 @dataclass(frozen=True)
-class Columns:
+class _Columns:
     """What is read and commanded of joints of one unit.
 
     Attributes:
@@ -101,7 +101,7 @@ def find(context: Context) -> Iterator[Fault]:
             yield _correct_shares(context, columns, *found)
 
 
-def _gather(context: Context, unit: str) -> Columns:
+def _gather(context: Context, unit: str) -> _Columns:
     """The columns of joints whose positions have a unit of the contract."""
     episodes = context.recording.episodes.values()
     every = {n for e in episodes for n, s in e.signals.items() if s.unit == unit}
@@ -119,7 +119,7 @@ def _gather(context: Context, unit: str) -> Columns:
     for e in episodes:
         time.append(e.time - e.time[0] + end)
         end = float(time[-1][-1]) + 1.0
-    return Columns(
+    return _Columns(
         chosen,
         {j.name: read(j.position) for j in chosen},
         {
@@ -131,7 +131,7 @@ def _gather(context: Context, unit: str) -> Columns:
     )  # fmt: skip
 
 
-def _find_divisors(columns: Columns, factor: float) -> tuple[dict[str, float], str]:
+def _find_divisors(columns: _Columns, factor: float) -> tuple[dict[str, float], str]:
     """By what "read" and "command" are to be divided, and what was seen.
 
     Another unit is larger by a factor.
@@ -159,7 +159,7 @@ def _find_divisors(columns: Columns, factor: float) -> tuple[dict[str, float], s
 
 
 def _correct_factor(
-    context: Context, columns: Columns, divisors: Mapping[str, float], name: str,
+    context: Context, columns: _Columns, divisors: Mapping[str, float], name: str,
     seen: str,
 ) -> Fault:  # fmt: skip
     """The fault of a factor, by what was seen; the recording is then without it."""
@@ -186,7 +186,7 @@ def _correct_factor(
 
 
 def _make_fault(
-    context: Context, columns: Columns, names: Sequence[str], said: str,
+    context: Context, columns: _Columns, names: Sequence[str], said: str,
     corrections: Sequence[ColumnCorrection], p_value: float = 0.0, basis: str = COUNTED,
 ) -> Fault:  # fmt: skip
     """The fault of a unit of many columns."""
@@ -198,7 +198,7 @@ def _make_fault(
     )  # fmt: skip
 
 
-def _find_shares(columns: Columns) -> tuple[str, float] | None:
+def _find_shares(columns: _Columns) -> tuple[str, float] | None:
     """What shows that hinges are in shares of their ranges, read as degrees; its p.
 
     LeRobot writes joints from -100 to 100. No joint then passes 100 degrees, joints of
@@ -212,7 +212,7 @@ def _find_shares(columns: Columns) -> tuple[str, float] | None:
         return None
     beyond = [
         j.name for j in limited
-        if j.range and measure_beyond(read[j.name], j.range) > _get_slack(j.range)
+        if j.range and _measure_beyond(read[j.name], j.range) > _get_slack(j.range)
     ]  # fmt: skip
     found = {j.span: step for j in limited
              if (step := find_step(np.rad2deg(read[j.name])))}  # fmt: skip
@@ -232,7 +232,7 @@ def _find_shares(columns: Columns) -> tuple[str, float] | None:
     return " and ".join(said), p
 
 
-def measure_beyond(values: Floats, limits: tuple[float, float]) -> float:
+def _measure_beyond(values: Floats, limits: tuple[float, float]) -> float:
     """How far values go beyond limits [their unit]."""
     low, high = limits
     return float(max(np.nanmax(values - high), np.nanmax(low - values)))
@@ -247,7 +247,7 @@ def _is_gripper(joint: JointColumns) -> bool:
 
 
 def _correct_shares(
-    context: Context, columns: Columns, said: str, p_value: float
+    context: Context, columns: _Columns, said: str, p_value: float
 ) -> Fault:
     """The fault of shares of ranges, by what shows it; the recording is then right."""
     signals, commands = dict[str, Change](), dict[str, Change]()

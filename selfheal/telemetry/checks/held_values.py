@@ -7,9 +7,8 @@ import numpy as np
 
 from ...recording import Recording
 from ...recording.data import Floats
-from ..context import Context
+from ..context import READ, Context
 from ..fault import SKIP, ColumnCorrection, Fault, format_columns
-from ..raw_columns import READ, list_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15
@@ -62,10 +61,10 @@ def find(context: Context) -> Iterator[Fault]:
     """Signals that are frozen, or clipped at a value, in any episode."""
     recording = context.recording
     commands = {n: j.commands for j in context.joints.values() for n in j.columns}
-    share = _measure_repeats(recording)
+    share = _measure_repeats(context)
     frozen: dict[tuple[str, bool], list[Case]] = {}
     clipped: dict[str, list[Case]] = {}
-    for episode, signal, time, values in _list_live(recording):
+    for episode, signal, time, values in _list_live(context):
         if _is_idle(recording, episode, commands.get(signal, ())):
             continue
         alone = share[signal] is None
@@ -169,15 +168,15 @@ def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> boo
     return bool(moved) and not any(moved)
 
 
-def _list_live(recording: Recording) -> Iterator[tuple[str, str, Floats, Floats]]:
+def _list_live(context: Context) -> Iterator[tuple[str, str, Floats, Floats]]:
     """The column of each signal and episode that changes most often."""
-    return list_columns(
-        recording, READ, MIN_HELD_SAMPLES,
+    return context.list_columns(
+        READ, MIN_HELD_SAMPLES,
         lambda values: (np.diff(values, axis=0) != 0).sum(axis=0),
     )  # fmt: skip
 
 
-def _measure_repeats(recording: Recording) -> dict[str, float | None]:
+def _measure_repeats(context: Context) -> dict[str, float | None]:
     """How often a reading of a live column is that of the sample before, by signal.
 
     Of a column that never changes it is that of the other signals of its kind, and
@@ -185,8 +184,8 @@ def _measure_repeats(recording: Recording) -> dict[str, float | None]:
     """
     counts: dict[str, Floats] = {}
     kinds: dict[str, str] = {}
-    for episode, name, _, values in _list_live(recording):
-        kinds[name] = recording.episodes[episode].signals[name].kind
+    for episode, name, _, values in _list_live(context):
+        kinds[name] = context.recording.episodes[episode].signals[name].kind
         same = np.diff(values) == 0
         # the longest run is what is asked about, and does not answer for itself
         runs = list_runs(values)

@@ -8,7 +8,6 @@ from ...recording.data import Floats
 from ..contacts import list_contacts
 from ..context import Context
 from ..fault import ColumnCorrection, Fault, format_columns
-from ..kinematics import MAX_ROWS, predict
 from ..relations import DEPENDENT_ROWS, MIN_ROWS, f_test
 from ..rollouts import name_groups
 from ..states import W_X_Y_Z, X_Y_Z_W, ColumnMap, compute_rates
@@ -75,10 +74,10 @@ def _compare_frames(context: Context, body: str, turns: Floats) -> Errors | None
     states = context.states
     if states.reason or body in states.poses:
         return None
-    rows = states.choose_rows(np.isfinite(turns[:, 0, 0]), MAX_ROWS)
+    rows = states.choose_rows(np.isfinite(turns[:, 0, 0]))
     if len(rows) < MIN_ROWS:
         return None
-    frames = predict(context.balance.free, states, context.column_map, rows)[1]
+    frames = context.balance.predict(context.column_map, rows)[1]
     expected = frames[context.model.body(body).id]
     errors = []
     for order in ORDERS:
@@ -91,7 +90,7 @@ def _compare_frames(context: Context, body: str, turns: Floats) -> Errors | None
 def _compare_depths(context: Context, body: str, turns: Floats) -> Errors | None:
     """Depths to which a lone body sinks into what it touches."""
     states, model = context.states, context.model
-    rows = states.choose_rows(np.isfinite(turns[:, 0, 0]), MAX_ROWS)
+    rows = states.choose_rows(np.isfinite(turns[:, 0, 0]))
     unfit = states.reason or body not in states.poses or states.joints
     if unfit or len(rows) < MIN_ROWS:
         return None

@@ -11,9 +11,8 @@ import numpy as np
 
 from ...recording import Recording
 from ...recording.data import Floats
-from ..context import Context
+from ..context import READ, Context
 from ..fault import Fault, format_columns
-from ..raw_columns import READ, list_columns
 
 MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
 JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two
@@ -51,8 +50,8 @@ def find(context: Context) -> Iterator[Fault]:
     """Signals that hold each reading for several samples, while others go on."""
     goals = {n: j.servo.command for j in context.joints.values() if j.servo
              for n in j.columns}  # fmt: skip
-    columns = list_columns(
-        context.recording, (*READ, "joint_torque"), MIN_JUMPS,
+    columns = context.list_columns(
+        (*READ, "joint_torque"), MIN_JUMPS,
         lambda values: np.std(values, axis=0),
     )  # fmt: skip
     held: dict[str, list[tuple[str, Hold]]] = {}
