@@ -5,8 +5,7 @@ The rotation that is nearest between two sets of vectors is Wahba's problem (Wah
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -32,22 +31,17 @@ BASIS = (
 )
 
 
-@dataclass(frozen=True)
-class Turn:
+class Turn(NamedTuple):
     """How a board is turned against the site that the model has for it.
 
     Attributes:
         rotation: of scipy, from the site's frame to the board's: read = R predicted.
-        degrees: of it.
-        axis: (3) about which the board is turned, in the site's frame.
         rows: that were compared.
-        given, left: mean square of the errors without and with it, over that of the
-            vectors [1].
+        given: mean square of the errors without it, over that of the vectors [1].
+        left: likewise with it.
     """
 
     rotation: Any
-    degrees: float
-    axis: Floats
     rows: int
     given: float
     left: float
@@ -79,10 +73,12 @@ def find_turned(
         if turn is None:
             continue
         expected |= {n: turn.rotation.apply(expected[n]) for n in names}
-        axis = " ".join(f"{x:.3g}" for x in np.round(turn.axis, 3) + 0.0)
+        vector = turn.rotation.inv().as_rotvec(degrees=True)
+        degrees = float(np.linalg.norm(vector))
+        axis = " ".join(f"{x:.3g}" for x in np.round(vector / degrees, 3) + 0.0)
         found.append(Fault(
             "sensor_frame", series.episodes, tuple(names), model.site(site).name,
-            f"{format_columns(names)}: the board is turned by {turn.degrees:.3g} "
+            f"{format_columns(names)}: the board is turned by {degrees:.3g} "
             f"degrees about ({axis}) of the model's site {model.site(site).name!r}: so "
             f"turned they miss what the positions give by {100 * turn.left:.2g} % of "
             f"its mean square, as the model has it by {100 * turn.given:.2g} %",
@@ -132,9 +128,7 @@ def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
     degrees = float(np.rad2deg(chosen.magnitude()))
     if degrees < MIN_DEGREES or left > min(MAX_LEFT, FAR_BETTER * given):
         return None
-    axis = chosen.inv().as_rotvec() / np.deg2rad(degrees)
-    rows = max(len(a) for a, _ in known)
-    return Turn(chosen, degrees, axis, rows, given, left)
+    return Turn(chosen, max(len(a) for a, _ in known), given, left)
 
 
 def _normalize(predicted: Floats, read: Floats) -> tuple[Floats, Floats]:

@@ -7,6 +7,7 @@ simulations where there is none.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -52,16 +53,11 @@ class Hypothesis:
         return self.signals + self.commands
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """A hypothesis that explains the motion far better.
 
-    Attributes:
-        best: the hypothesis.
-        given: largest share unexplained without it [1].
-        left: mean share unexplained with it [1].
-        gain: [nats].
-        p_value: of the gain, times the number of hypotheses that were tried.
+    The shares [1] are the largest unexplained without it and the mean with it, the gain
+    is in nats, the p-value times the number of hypotheses that were tried.
     """
 
     best: Hypothesis

@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ from selfheal.errors import RecordingError, UnknownNameError
 from selfheal.telemetry import (
     KINDS,
     check_telemetry,
+    checks,
     examine_telemetry,
     list_decisive,
     list_tolerable,
     refuse_faulty,
 )
+from selfheal.telemetry.registry import CHECKS
 from tests.support.logs.edited_logs import edit, flip, to_degrees
 
 
@@ -32,6 +35,11 @@ def _exchange(recording, *pairs):
 
 def _find(recording, model):
     return {(f.kind, *sorted(f.columns)) for f in check_telemetry(recording, model)}
+
+
+def test_every_check_is_registered():
+    modules = {path.stem for path in Path(checks.__file__).parent.glob("*.py")}
+    assert modules - {"__init__"} == {check.name for check in CHECKS}
 
 
 def test_a_right_log_gives_no_alarm(servo_arm, torque_arm):

@@ -5,7 +5,8 @@ episode. A delay that physics causes stays, or changes once.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,19 +36,12 @@ BASIS = (
 )
 
 
-@dataclass(frozen=True)
-class Growth:
-    """How the delay of a joint's column grows.
-
-    Attributes:
-        slope: [s/s].
-        p_value: of no slope.
-        seconds: length of the longest episode [s].
-    """
+class _Growth(NamedTuple):
+    """How the delay of a joint's column grows: its slope [s/s], and p of no slope."""
 
     slope: float
     p_value: float
-    seconds: float
+    seconds: float  # length of the longest episode
 
 
 def find(context: Context) -> Iterator[Fault]:
@@ -58,7 +52,7 @@ def find(context: Context) -> Iterator[Fault]:
 
 def _compare_growths(comparison: Comparison, context: Context) -> Iterator[Fault]:
     what = comparison.what
-    every = {name: measure_growth(comparison, name) for name in comparison.first}
+    every = {name: _measure_growth(comparison, name) for name in comparison.first}
     known = {name: g for name, g in every.items() if g is not None}
     sure = {n: g for n, g in known.items()
             if abs(g.slope) * g.seconds > MIN_GROWTH[what]
@@ -83,12 +77,12 @@ def _compare_growths(comparison: Comparison, context: Context) -> Iterator[Fault
     )  # fmt: skip
 
 
-def measure_growth(comparison: Comparison, joint: str) -> Growth | None:
+def _measure_growth(comparison: Comparison, joint: str) -> _Growth | None:
     """How the delay of a joint's second column grows; None: not known."""
     from scipy.stats import t as student
 
     series, lags = comparison.series, comparison.lags
-    pair = _Pair.of(comparison.first[joint], comparison.second[joint], series)
+    pair = _Pair(comparison.first[joint], comparison.second[joint], series)
     if len(np.unique(pair.block)) < MIN_BLOCKS:
         return None
     first = [
@@ -107,52 +101,32 @@ def measure_growth(comparison: Comparison, joint: str) -> Growth | None:
     error = pair.linearize(delay, slope)[1]
     free = len(np.unique(pair.block)) - 3
     p = 2 * float(student.sf(abs(slope) / max(error, 1e-12), free))
-    return Growth(float(slope), p, pair.seconds)
+    return _Growth(float(slope), p, pair.seconds)
 
 
-@dataclass(frozen=True, eq=False)
 class _Pair:
-    """Two columns of which the second comes late.
+    """Two columns of which the second comes late, without the means of episodes."""
 
-    Attributes:
-        x: (N) the first one, of all rows, 0 where it is not known.
-        known: (N) 1 where it is.
-        rows: (n) numbers of the rows that are compared.
-        y: (n) the second column.
-        since: (n) time since the middle of the episode [s].
-        block: (n) number of the block.
-        step: of the grid [s].
-        seconds: of the longest episode.
-        ends: (n, 2) first and last row of the episode.
-    """
+    def __init__(self, x: Floats, y: Floats, series: Series) -> None:
+        self.known = np.isfinite(x).astype(float)
+        self.step, self.every = series.step, np.arange(len(x))
+        self.x = np.nan_to_num(center(x, series.episode))
+        self.rows = thin(np.flatnonzero(np.isfinite(y)), MAX_ROWS)
+        self.y = center(y, series.episode)[self.rows]
+        self.block, episode = series.block[self.rows], series.episode[self.rows]
+        numbers = np.arange(len(series.ids))
+        first = np.searchsorted(series.episode, numbers)
+        last = np.searchsorted(series.episode, numbers, side="right") - 1
+        self.first, self.last = first[episode], last[episode]
+        # since the middle of the episode, and of the longest one [s]
+        self.since = (self.rows - (self.first + self.last) / 2) * self.step
+        longest = float((last - first).max(initial=0) * self.step)
+        self.seconds = max(longest, self.step)
 
-    x: Floats
-    known: Floats
-    rows: np.ndarray
-    y: Floats
-    since: Floats
-    block: np.ndarray
-    step: float
-    seconds: float
-    ends: np.ndarray
-
-    @classmethod
-    def of(cls, x: Floats, y: Floats, series: Series) -> "_Pair":
-        """The pair of two columns (N), without the means of episodes."""
-        known = np.isfinite(x)
-        x, y = (center(c, series.episode) for c in (x, y))
-        rows = thin(np.flatnonzero(np.isfinite(y)), MAX_ROWS)
-        every = np.arange(len(series.ids))
-        first = np.searchsorted(series.episode, every)
-        last = np.searchsorted(series.episode, every, side="right") - 1
-        of = series.episode[rows]
-        since = (rows - (first[of] + last[of]) / 2) * series.step
-        seconds = float((last - first).max(initial=0) * series.step)
-        return cls(
-            np.nan_to_num(x), known.astype(float), rows, y[rows], since,
-            series.block[rows], series.step, max(seconds, series.step),
-            np.stack([first[of], last[of]], axis=1),
-        )  # fmt: skip
+    @cached_property
+    def rate(self) -> Floats:
+        """Slope (N) of the first column."""
+        return np.gradient(self.x) / self.step
 
     def read(self, delay: float, slope: float) -> tuple[Floats, Floats, np.ndarray]:
         """The first column (n) that much earlier, its rate, and where they are known.
@@ -160,11 +134,10 @@ class _Pair:
         The delay is that at the middle of an episode [s], its slope in s/s.
         """
         at = self.rows - (delay + slope * self.since) / self.step
-        every = np.arange(len(self.x))
-        ok = (at >= self.ends[:, 0]) & (at <= self.ends[:, 1] - 1)
-        ok &= np.interp(at, every, self.known) > 1 - 1e-9
-        rate = np.gradient(self.x) / self.step
-        return np.interp(at, every, self.x), np.interp(at, every, rate), ok
+        known, x, rate = (
+            np.interp(at, self.every, c) for c in (self.known, self.x, self.rate)
+        )
+        return x, rate, (at >= self.first) & (at <= self.last - 1) & (known > 1 - 1e-9)
 
     def correlate(self, delay: float, slope: float) -> float:
         """Correlation at a delay that grows; -1 where too little is known."""

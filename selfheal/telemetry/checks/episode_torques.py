@@ -42,7 +42,7 @@ OFF_BASIS = (
 
 
 @dataclass(frozen=True, eq=False)
-class Scores:
+class _Scores:
     """How badly each block fits what the other episodes predict.
 
     Attributes:
@@ -168,7 +168,7 @@ def _find_unlike(context: Context) -> list[Fault]:
         episode = _name_blocks(
             context.series.name_episodes(rollouts.rows), rollouts.block
         )
-        scores, least = Scores(blocks, episode, list(rollouts.groups)), MIN_MISSED
+        scores, least = _Scores(blocks, episode, list(rollouts.groups)), MIN_MISSED
         words = "short simulations miss the motion"
     else:
         return []
@@ -186,7 +186,7 @@ def _find_unlike(context: Context) -> list[Fault]:
     )]  # fmt: skip
 
 
-def _find_suspect(scores: Scores) -> str:
+def _find_suspect(scores: _Scores) -> str:
     """The episode that leaves most, by the next one."""
     medians = scores.medians
     if len(medians) < MIN_EPISODES:
@@ -197,7 +197,7 @@ def _find_suspect(scores: Scores) -> str:
     return list(medians)[int(np.argmax(table[:, joint]))]
 
 
-def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
+def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
     """What fits to the other episodes, the suspect one aside, leave of the torques."""
     from scipy.ndimage import median
 
@@ -219,11 +219,11 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
         share = left / np.maximum(usual, terms.size.mean())
         blocks[:, k] = NORMAL * median(share, balance.block, np.arange(count))
     joints = [balance.name_dof(int(d)) for d in balance.dofs]
-    return Scores(blocks, _name_blocks(names, balance.block), joints)
+    return _Scores(blocks, _name_blocks(names, balance.block), joints)
 
 
 def _find_worst(
-    scores: Scores, least: float
+    scores: _Scores, least: float
 ) -> tuple[str, int, float, float, float] | None:
     """Episode, number of the joint, its median, the next one's and the p-value."""
     from scipy.stats import mannwhitneyu

@@ -1,7 +1,7 @@
 """Held values: takes raw columns, finds those that are frozen or clipped."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,31 +30,20 @@ ENTRY_QUANTA = 4.0
 Case = tuple[str, float, float, float]
 
 
-@dataclass(frozen=True)
-class Run:
-    """Samples that hold one value.
-
-    Attributes:
-        start, length: in samples that were read.
-        value: [unit].
-    """
+class _Run(NamedTuple):
+    """Samples that hold one value, in samples that were read."""
 
     start: int
     length: int
     value: float
 
 
-def list_runs(values: Floats) -> list[Run]:
-    """Every unbroken run of one value in a column (T) without missing samples."""
-    if not values.size:
-        return []
-    ends = np.flatnonzero(np.diff(values) != 0) + 1
-    starts = np.concatenate([[0], ends])
-    lengths = np.diff(np.concatenate([starts, [values.size]]))
-    return [
-        Run(int(s), int(n), float(values[s]))
-        for s, n in zip(starts, lengths, strict=True)
-    ]
+def _list_runs(values: Floats) -> list[_Run]:
+    """Every unbroken run of one value in a column (n), which has some."""
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
+    lengths = np.diff(starts, append=values.size)
+    rows = zip(starts.tolist(), lengths.tolist(), values[starts].tolist(), strict=True)
+    return [_Run(*row) for row in rows]
 
 
 def find(context: Context) -> Iterator[Fault]:
@@ -73,7 +62,7 @@ def find(context: Context) -> Iterator[Fault]:
         repeats = max(share[signal] or ALONE_REPEATS, 1e-3)
         if repeats > LIVE_SHARE:
             continue
-        runs = list_runs(values)
+        runs = _list_runs(values)
         longest = max(runs, key=lambda r: r.length)
         if case := _judge_clipped(episode, values, runs, repeats):
             clipped.setdefault(signal, []).append(case)
@@ -113,7 +102,7 @@ def _make_fault(
 
 
 def _judge_frozen(
-    episode: str, time: Floats, values: Floats, run: Run, repeats: float
+    episode: str, time: Floats, values: Floats, run: _Run, repeats: float
 ) -> Case | None:
     """The longest run of one value, where it is no rest of what is measured.
 
@@ -138,7 +127,7 @@ def _judge_frozen(
 
 
 def _judge_clipped(
-    episode: str, values: Floats, runs: Sequence[Run], repeats: float
+    episode: str, values: Floats, runs: Sequence[_Run], repeats: float
 ) -> Case | None:
     """Runs at the highest or lowest value, where it was reached at speed.
 
@@ -188,8 +177,7 @@ def _measure_repeats(context: Context) -> dict[str, float | None]:
         kinds[name] = context.recording.episodes[episode].signals[name].kind
         same = np.diff(values) == 0
         # the longest run is what is asked about, and does not answer for itself
-        runs = list_runs(values)
-        longest = max(r.length for r in runs) - 1
+        longest = max(r.length for r in _list_runs(values)) - 1
         add = np.array([max(same.sum() - longest, 0), same.size - longest], float)
         counts[name] = counts.get(name, np.zeros(2)) + add
     out: dict[str, float | None] = {}

@@ -5,7 +5,7 @@ direction it moves fast: there a step of nothing is no likelier than one of a qu
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,14 +30,10 @@ BASIS = (
 )
 
 
-@dataclass(frozen=True)
-class Hold:
-    """How a column of an episode repeats its readings.
+class _Hold(NamedTuple):
+    """How a column of an episode repeats its readings: for how long each lasts.
 
-    Attributes:
-        samples: that one reading lasts.
-        seconds: the same [s].
-        nothing, other: steps between jumps that are nothing, and that are not.
+    Between jumps, so many steps are nothing, and others are not.
     """
 
     samples: int
@@ -54,23 +50,18 @@ def find(context: Context) -> Iterator[Fault]:
         (*READ, "joint_torque"), MIN_JUMPS,
         lambda values: np.std(values, axis=0),
     )  # fmt: skip
-    held: dict[str, list[tuple[str, Hold]]] = {}
+    held: dict[str, list[tuple[str, _Hold]]] = {}
     count = 0
     for episode, name, time, values in columns:
         count += 1
-        hold = measure_hold(time, values)
+        hold = _measure_hold(time, values)
         if hold and not _follows(context.recording, episode, goals.get(name), hold):
             held.setdefault(name, []).append((episode, hold))
     yield from _report(context.recording, held, count)
 
 
-def measure_hold(time: Floats, values: Floats) -> Hold | None:
-    """How a column (T) holds its readings; None where it does not.
-
-    Args:
-        time: (T) [s].
-        values: (T) [unit], all known.
-    """
+def _measure_hold(time: Floats, values: Floats) -> _Hold | None:
+    """How a column (T), all of it known, holds its readings; None: it does not."""
     steps = np.diff(values)
     moving = np.abs(steps[steps != 0])
     if moving.size < MIN_JUMPS:
@@ -98,10 +89,10 @@ def measure_hold(time: Floats, values: Floats) -> Hold | None:
         return None
     nothing = int((holds - 1).sum())
     other = int((lengths - 1).sum()) - nothing
-    return Hold(samples, samples * usual, nothing, other)
+    return _Hold(samples, samples * usual, nothing, other)
 
 
-def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -> bool:
+def _follows(recording: Recording, episode: str, goal: str | None, hold: _Hold) -> bool:
     """Whether a column is held as long as its servo's goal: then it may just follow."""
     if goal is None:
         return False
@@ -112,7 +103,7 @@ def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -
 
 
 def _report(
-    recording: Recording, held: Mapping[str, Sequence[tuple[str, Hold]]], count: int
+    recording: Recording, held: Mapping[str, Sequence[tuple[str, _Hold]]], count: int
 ) -> Iterator[Fault]:
     """Faults of the signals that are held alike, of so many columns."""
     from scipy.stats import binom
