@@ -16,7 +16,7 @@ from ..recording import find_joint
 from ..recording.data import Floats
 from .contacts import list_contacts
 from .joints import follows_command
-from .residuals import MIN_BLOCKS, Explainer, Residuals
+from .residuals import MIN_BLOCKS, Explainer, Residuals, average_blocks
 from .states import ColumnMap, States
 from .terms import Terms, make_terms
 
@@ -59,10 +59,10 @@ class TorqueBalance(Explainer):
             )
         if self.reason:
             return
-        count = self.choose(self._find_known(), MAX_ROWS)
-        if count < MIN_BLOCKS:
+        self.choose(self._find_known(), MAX_ROWS)
+        if self.count < MIN_BLOCKS:
             self.reason = (
-                f"all positions are known, away from contacts, in {count} blocks "
+                f"all positions are known, away from contacts, in {self.count} blocks "
                 f"of about 1 s; at least {MIN_BLOCKS} are needed"
             )
             return
@@ -120,7 +120,7 @@ class TorqueBalance(Explainer):
         """
         block = self.block[chosen]
         left, size = np.empty(len(self.dofs)), np.empty(len(self.dofs))
-        blocks = np.empty((int(self.block.max()) + 1, len(self.dofs)))
+        blocks = np.empty((self.count, len(self.dofs)))
         torques = self.compute_torques(column_map, self.rows[chosen])
         for k, terms in enumerate(self._list_terms(torques)):
             rest = np.empty_like(terms.missing)
@@ -131,7 +131,7 @@ class TorqueBalance(Explainer):
             hold = float(np.mean(terms.parts["hold"]))
             size[k] = max(mean - hold**2, 1e-18)
             left[k] = np.mean(rest**2)
-            blocks[:, k] = self.average(rest**2, block)
+            blocks[:, k] = average_blocks(rest**2, block, self.count)
         for base in self.states.bases:
             first = self.model.jnt_dofadr[base]
             for three in (range(first, first + 3), range(first + 3, first + 6)):

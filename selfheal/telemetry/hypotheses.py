@@ -32,8 +32,7 @@ class Hypothesis:
     Attributes:
         kind: of the fault.
         column_map: how the columns would be read instead.
-        signals: whose reading changes.
-        commands: actuators whose command changes.
+        columns: signals, and actuators whose command changes.
         target: joint or actuator.
         corrections: of the log's map.
         text: what is wrong, as the end of a sentence.
@@ -41,16 +40,10 @@ class Hypothesis:
 
     kind: str
     column_map: ColumnMap
-    signals: tuple[str, ...]
-    commands: tuple[str, ...]
+    columns: tuple[str, ...]
     target: str
     corrections: tuple[ColumnCorrection, ...]
     text: str
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        """Signals and commands whose reading changes."""
-        return self.signals + self.commands
 
 
 class Finding(NamedTuple):
@@ -174,14 +167,15 @@ def suppose(
                 commands[a] = (b, factor)
                 acting.append(b)
                 corrections.append(correct(b, one, a, True))
-    columns = format_columns([*signals, *acting])
+    columns = (*signals, *acting)
+    listed = format_columns(columns)
     text = {
-        "sign": f"{columns}: the sign is the other one",
-        "unit": f"{columns}: the unit is {unit or 'another one'}",
-        "exchange": f"{columns} are exchanged",
+        "sign": f"{listed}: the sign is the other one",
+        "unit": f"{listed}: the unit is {unit or 'another one'}",
+        "exchange": f"{listed} are exchanged",
     }[kind]
     return Hypothesis(
-        kind, ColumnMap(positions, commands), tuple(signals), tuple(acting), pair[0],
+        kind, ColumnMap(positions, commands), columns, pair[0],
         tuple(corrections), text,
     )  # fmt: skip
 

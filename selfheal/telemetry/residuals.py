@@ -68,6 +68,7 @@ class Explainer(ABC):
         reason: why it explains nothing; "" where it does.
         rows: (n) of the series.
         block: (n) number of the block of each.
+        count: of these blocks.
     """
 
     def __init__(self, states: States) -> None:
@@ -76,12 +77,12 @@ class Explainer(ABC):
         self.reason = states.reason
         self._known = dict[str, Residuals]()
 
-    def choose(self, known: np.ndarray, most: int) -> int:
-        """Choose `most` rows out of those (N) that are known; in how many blocks."""
+    def choose(self, known: np.ndarray, most: int) -> None:
+        """Choose `most` rows out of those (N) that are known."""
         self.rows = thin(np.flatnonzero(known), most)
         blocks = np.unique(self.series.block[self.rows])
         self.block = np.searchsorted(blocks, self.series.block[self.rows])
-        return len(blocks)
+        self.count = len(blocks)
 
     def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
         """What a map of the columns leaves in each so many rows; kept for the next."""
@@ -93,10 +94,6 @@ class Explainer(ABC):
     @abstractmethod
     def _evaluate(self, column_map: ColumnMap, chosen: slice) -> Residuals:
         """What a map leaves in the rows that are chosen."""
-
-    def average(self, values: Floats, block: np.ndarray) -> Floats:
-        """Mean (B) of values (n) over each block; 0 where it has none."""
-        return average_blocks(values, block, int(self.block.max()) + 1)
 
 
 def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..recording.data import Floats
 from .balance import settle_activations
-from .residuals import MIN_BLOCKS, Explainer, Residuals
+from .residuals import MIN_BLOCKS, Explainer, Residuals, average_blocks
 from .states import ColumnMap, States
 
 HORIZON = 0.1  # [s] of a simulation; chosen: a servo answers, and errors stay small
@@ -39,9 +39,9 @@ class Rollouts(Explainer):
         known[: -self.ahead] &= known[self.ahead :]
         known[: -self.ahead] &= episode[: -self.ahead] == episode[self.ahead :]
         known[-self.ahead :] = False
-        count = self.choose(known, MAX_STARTS)
-        if count < MIN_BLOCKS:
-            self.reason = f"{count} blocks of about 1 s have all positions"
+        self.choose(known, MAX_STARTS)
+        if self.count < MIN_BLOCKS:
+            self.reason = f"{self.count} blocks of about 1 s have all positions"
             return
         address = self.model.jnt_dofadr
         self.groups = {j.name: [int(address[j.number])] for j in states.joints.values()}
@@ -62,7 +62,7 @@ class Rollouts(Explainer):
             size = float(np.mean((change[:, dofs] ** 2).sum(axis=1))) + 1e-12
             miss = np.minimum((missed[:, dofs] ** 2).sum(axis=1) / size, MAX_MISS)
             shares.append(max(float(np.mean(miss)), 1e-6))
-            blocks.append(self.average(miss, block))
+            blocks.append(average_blocks(miss, block, self.count))
         share = np.array(shares)
         ones = np.ones_like(share)
         return Residuals(share, share, np.stack(blocks, axis=1), ones, ones)

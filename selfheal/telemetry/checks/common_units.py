@@ -4,13 +4,13 @@ Software writes all joints of a robot in one unit. So what many columns show tog
 is tested first, before the sign or the unit of one.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ...logs.motion import compare_command, find_step, measure_share_inside
-from ...recording import Recording
 from ...recording.data import Floats
 from ..context import Context
 from ..fault import COUNTED, ColumnCorrection, Fault, correct_factor, format_columns
@@ -171,30 +171,38 @@ def _correct_factor(
             signals += [j.velocity] * shares_unit(context.recording, j)
         if "command" in divisors and j.servo:
             commands.append(j.servo.command)
-    corrections = [correct_factor(n, 1 / by) for n in signals]
-    corrections += [correct_factor(n, 1 / by, is_command=True) for n in commands]
     unit = name if by > 1 else f"divided by that of {name}"
     change = 1 / by, 0.0
-    context.recording = _apply(
-        context.recording,
-        dict.fromkeys(signals, change),
-        dict.fromkeys(commands, change),
-    )
-    return _make_fault(
-        context, columns, [*signals, *commands], f"{unit} ({seen})", corrections
-    )
+    return _correct(
+        context, columns, dict.fromkeys(signals, change),
+        dict.fromkeys(commands, change), partial(correct_factor, factor=1 / by),
+        f"{unit} ({seen})",
+    )  # fmt: skip
 
 
-def _make_fault(
-    context: Context, columns: _Columns, names: Sequence[str], said: str,
-    corrections: Sequence[ColumnCorrection], p_value: float = 0.0, basis: str = COUNTED,
+def _correct(
+    context: Context, columns: _Columns, signals: Mapping[str, Change],
+    commands: Mapping[str, Change], correct: Callable[..., ColumnCorrection],
+    said: str, p_value: float = 0.0, basis: str = COUNTED,
 ) -> Fault:  # fmt: skip
-    """The fault of a unit of many columns."""
-    more = len(names) - 3
-    listed = format_columns(names[:3]) + (f" and {more} more" if more > 0 else "")
+    """The fault of the unit of some columns; the recording is then without it."""
+    episodes, names = {}, [*signals, *commands]
+    for key, e in context.recording.episodes.items():
+        ctrl, changed = e.ctrl.copy(), dict(e.signals)
+        for name, (factor, offset) in commands.items():
+            column = e.ctrl_names.index(name)
+            ctrl[:, column] = factor * ctrl[:, column] + offset
+        for name, (factor, offset) in signals.items():
+            if name in changed:
+                values = factor * changed[name].values + offset
+                changed[name] = replace(changed[name], values=values)
+        episodes[key] = replace(e, ctrl=ctrl, signals=changed)
+    context.recording = replace(context.recording, episodes=episodes)
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return Fault(
         "unit", context.episodes, tuple(names), columns.joints[0].name,
-        f"{listed}: the unit is {said}", p_value, basis, tuple(corrections),
+        f"{format_columns(names[:3])}{more}: the unit is {said}", p_value, basis,
+        (*map(correct, signals), *(correct(n, is_command=True) for n in commands)),
     )  # fmt: skip
 
 
@@ -262,30 +270,9 @@ def _correct_shares(
         if j.servo:
             commands[j.servo.command] = factor, middle / j.servo.scale
     ends = {"from_range": [-FULL, FULL]}
-    corrections = [ColumnCorrection(n, ends) for n in signals]
-    corrections += [ColumnCorrection(n, ends, is_command=True) for n in commands]
-    context.recording = _apply(context.recording, signals, commands)
-    return _make_fault(
-        context, columns, [*signals, *commands],
+    return _correct(
+        context, columns, signals, commands, partial(ColumnCorrection, changes=ends),
         "a share of each joint's range, from -100 to 100, as LeRobot writes it: no "
         f"joint passes 100 degrees, {said}",
-        corrections, p_value, SHARE_BASIS,
+        p_value, SHARE_BASIS,
     )  # fmt: skip
-
-
-def _apply(
-    recording: Recording, signals: Mapping[str, Change], commands: Mapping[str, Change]
-) -> Recording:
-    """A recording with signals and commands, by name, that are changed."""
-    episodes = {}
-    for key, e in recording.episodes.items():
-        ctrl, changed = e.ctrl.copy(), dict(e.signals)
-        for name, (factor, offset) in commands.items():
-            column = e.ctrl_names.index(name)
-            ctrl[:, column] = factor * ctrl[:, column] + offset
-        for name, (factor, offset) in signals.items():
-            if name in changed:
-                values = factor * changed[name].values + offset
-                changed[name] = replace(changed[name], values=values)
-        episodes[key] = replace(e, ctrl=ctrl, signals=changed)
-    return replace(recording, episodes=episodes)

@@ -204,8 +204,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
     names = balance.series.name_episodes(balance.rows)
     fold, trusted = _list_folds(names), names != suspect
     fold[~trusted] = fold.max()
-    count = int(balance.block.max()) + 1
-    blocks = np.empty((count, len(balance.dofs)))
+    blocks = np.empty((balance.count, len(balance.dofs)))
     for k, terms in enumerate(balance.terms):
         # what a servo at its limit gives, no gain says
         limit = (1 - UNIT_TOLERANCE) * balance.find_limit(terms.dof)
@@ -217,7 +216,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
         _, of = np.unique(names, return_inverse=True)
         usual = (np.bincount(of, terms.size) / np.bincount(of))[of]
         share = left / np.maximum(usual, terms.size.mean())
-        blocks[:, k] = NORMAL * median(share, balance.block, np.arange(count))
+        blocks[:, k] = NORMAL * median(share, balance.block, np.arange(balance.count))
     joints = [balance.name_dof(int(d)) for d in balance.dofs]
     return _Scores(blocks, _name_blocks(names, balance.block), joints)
 
