@@ -36,7 +36,7 @@ def find(context: Context) -> list[Fault]:
     """The episode in which servos do not follow; or whose columns are wrong."""
     if len(context.series.episodes) < MIN_EPISODES:
         return []
-    found = list(_find_aborted(context)) or [
+    found = _find_aborted(context) or [
         fault
         for comparison, every in zip(
             context.comparisons, context.disagreements, strict=True
@@ -58,37 +58,31 @@ def leave_out(*names: str, advice: str = "") -> tuple[str]:
     return (f"leave episode {', '.join(map(repr, names))} out{advice}",)
 
 
-def _find_aborted(context: Context) -> Iterator[Fault]:
+def _find_aborted(context: Context) -> list[Fault]:
     """The episode in which most servos do not follow, as they do in all others."""
     ids, comparison = context.series.episodes, context.comparisons[1]
     left = {j: _measure_left(comparison, j) for j in comparison.first}
-    best: tuple[float, str, list[str], float, float] | None = None
+    faults = list[tuple[float, Fault]]()
     for episode in ids:
-        found = {
-            joint: judged for joint, each in left.items()
-            if (judged := _judge(context, each, episode))
-        }  # fmt: skip
-        number = len(ids) * len(found)
-        lost = [joint for joint, (here, there, p) in found.items()
+        judged = {j: _judge(context, each, episode) for j, each in left.items()}
+        known = {j: each for j, each in judged.items() if each is not None}
+        number = len(ids) * len(known)
+        lost = {j: (here, there, p) for j, (here, there, p) in known.items()
                 if here > max(MIN_LEFT, TIMES * there)
-                and p * number < MAX_P_VALUE]  # fmt: skip
-        if lost and 2 * len(lost) > len(found):
-            p = min(1.0, max(found[j][2] for j in lost) * number)
-            here = float(np.median([found[j][0] for j in lost]))
-            there = float(max(found[j][1] for j in lost))
-            if best is None or len(lost) * here > best[0]:
-                best = len(lost) * here, episode, lost, there, p
-    if best is not None:
-        score, episode, lost, there, p = best
-        yield Fault(
+                and p * number < MAX_P_VALUE}  # fmt: skip
+        if 2 * len(lost) <= len(known):
+            continue
+        shares, others, p_values = zip(*lost.values(), strict=True)
+        here = float(np.median(shares))
+        faults.append((len(lost) * here, Fault(
             "odd_episode", (episode,),
-            tuple(context.joints[j].position for j in lost), lost[0],
+            tuple(context.joints[j].position for j in lost), next(iter(lost)),
             f"in episode {episode!r} {len(lost)} joints do not follow their commands: "
-            f"{100 * score / len(lost):.2g} % of the square of their motion is left, "
-            f"and in no other episode more than {100 * there:.2g} %: it was aborted, "
-            "say",
-            p, BASES["following"], leave_out(episode),
-        )  # fmt: skip
+            f"{100 * here:.2g} % of the square of their motion is left, and in no "
+            f"other episode more than {100 * max(others):.2g} %: it was aborted, say",
+            min(1.0, max(p_values) * number), BASES["following"], leave_out(episode),
+        )))  # fmt: skip
+    return [max(faults, key=lambda f: f[0])[1]] if faults else []
 
 
 def _measure_left(comparison: Comparison, joint: str) -> dict[str, tuple[float, int]]:

@@ -82,7 +82,7 @@ def _find_unpowered(balance: TorqueBalance) -> list[Fault]:
 
     if balance.reason:
         return []
-    series, best = balance.series, None
+    series, faults = balance.series, list[Fault]()
     names = series.name_episodes(balance.rows)
     on, off, acts = _balance_without(balance, names)
     ids = list(dict.fromkeys(names.tolist()))
@@ -101,19 +101,16 @@ def _find_unpowered(balance: TorqueBalance) -> list[Fault]:
             left = float(np.exp(np.log(share[lost]).mean()))
             p = float(f.sf(1 / left, *(count * lost.sum(),) * 2))
             p *= len(ids) * len(starts) * int(driven.sum())
-            if p < MAX_P_VALUE and (best is None or p < best[0]):
-                best = p, episode, seconds, lost, left
-    if best is None:
-        return []
-    p, episode, seconds, lost, left = best
-    joints = [balance.name_dof(int(d)) for d in balance.dofs[lost]]
-    return [Fault(
-        "odd_episode", (episode,), (), joints[0],
-        f"in the last {seconds:.2g} s of episode {episode!r} nothing seems to drive "
-        f"{format_columns(joints)}: without the actuators' torques "
-        f"{100 * left:.2g} % of what is left with them is: it was aborted, say",
-        p, OFF_BASIS, leave_out(episode),
-    )]  # fmt: skip
+            joints = [balance.name_dof(int(d)) for d in balance.dofs[lost]]
+            faults.append(Fault(
+                "odd_episode", (episode,), (), joints[0],
+                f"in the last {seconds:.2g} s of episode {episode!r} nothing seems to "
+                f"drive {format_columns(joints)}: without the actuators' torques "
+                f"{100 * left:.2g} % of what is left with them is: it was aborted, say",
+                p, OFF_BASIS, leave_out(episode),
+            ))  # fmt: skip
+    least = min(faults, key=lambda fault: fault.p_value, default=None)
+    return [least] if least and least.p_value < MAX_P_VALUE else []
 
 
 def _list_folds(names: np.ndarray) -> np.ndarray:

@@ -1,13 +1,25 @@
-"""Recordings with a fault: a clean one and a change of its columns in, another out."""
+"""Recordings with a fault: motions of a model, and columns that are changed."""
 
 from collections.abc import Callable, Collection
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 
 from selfheal.recording import Recording
 
+RATE = 100  # [Hz] of a recording
 DEGREES = 180 / np.pi
+
+
+def drive(model: mujoco.MjModel, commands: np.ndarray) -> np.ndarray:
+    """Positions (T, nq) of a model before each of some commands (T, nu)."""
+    data, rows = mujoco.MjData(model), []
+    for command in commands:
+        data.ctrl[:] = command
+        rows.append(data.qpos.copy())
+        mujoco.mj_step(model, data, round(1 / RATE / model.opt.timestep))
+    return np.array(rows)
 
 
 def edit(
