@@ -47,6 +47,7 @@ class Disagreement:
     """Two columns of a joint that contradict each other.
 
     Attributes:
+        what: "velocity" or "command": what was compared with the position.
         kind: "sign", "unit", "exchange", "delay" or "derivative".
         joint: its name.
         partner: the other joint of an exchange; else "".
@@ -56,6 +57,7 @@ class Disagreement:
         lag: [s] by which the second comes late.
     """
 
+    what: str
     kind: str
     joint: str
     partner: str
@@ -275,4 +277,6 @@ def _make(key: Key, numbers: set[int], comparison: Comparison) -> Disagreement |
         p = float(norm.sf(z * np.sqrt(n)))
     ids = tuple(dict.fromkeys(series.ids[i] for i in sorted(numbers)))
     lag = relation.lag * series.step
-    return Disagreement(kind, joint, partner, ids, relation, max(p, 1e-300), lag)
+    return Disagreement(
+        comparison.what, kind, joint, partner, ids, relation, max(p, 1e-300), lag
+    )

@@ -100,20 +100,21 @@ class Context:
         return Rollouts(self.states)
 
     @cached_property
-    def comparisons(self) -> tuple[Comparison, Comparison]:
-        """Velocities and positions, positions and commands."""
-        return (
-            compare_velocities(self.recording, self.joints, self.series),
-            compare_commands(self.joints, self.series),
-        )
+    def comparisons(self) -> dict[str, Comparison]:
+        """Of positions with what should be alike: "velocity" and "command"."""
+        by_velocity = compare_velocities(self.recording, self.joints, self.series)
+        by_command = compare_commands(self.joints, self.series)
+        return {c.what: c for c in (by_velocity, by_command)}
 
     @cached_property
-    def disagreements(self) -> tuple[list[Disagreement], list[Disagreement]]:
+    def disagreements(self) -> list[Disagreement]:
         """What these contradict; a servo that torques show to be weak is not late."""
-        by_velocity, by_command = map(find_disagreements, self.comparisons)
-        return by_velocity, [
-            d for d in by_command if d.kind != "delay" or not self.is_balanced(d.joint)
-        ]
+        found = [d for c in self.comparisons.values() for d in find_disagreements(c)]
+        return [
+            d for d in found
+            if d.what == "velocity" or d.kind != "delay"
+            or not self.is_balanced(d.joint)
+        ]  # fmt: skip
 
     @property
     def episodes(self) -> tuple[str, ...]:
@@ -123,8 +124,8 @@ class Context:
     @property
     def is_late(self) -> bool:
         """Whether columns are of different times, so that torques cannot balance."""
-        late = [d.kind for found in self.disagreements for d in found]
-        return "delay" in late or any(f.kind == "clock_drift" for f in self.faults)
+        is_late = any(d.kind == "delay" for d in self.disagreements)
+        return is_late or any(f.kind == "clock_drift" for f in self.faults)
 
     def is_balanced(self, joint: str) -> bool:
         """Whether the torques of a joint balance, as its columns are read so far."""

@@ -46,7 +46,7 @@ class _Growth(NamedTuple):
 
 def find(context: Context) -> Iterator[Fault]:
     """One fault where the delays of most joints' velocities or positions grow alike."""
-    for comparison in context.comparisons:
+    for comparison in context.comparisons.values():
         yield from _compare_growths(comparison, context)
 
 

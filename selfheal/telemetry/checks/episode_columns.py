@@ -37,20 +37,12 @@ def find(context: Context) -> list[Fault]:
     if len(context.series.episodes) < MIN_EPISODES:
         return []
     found = _find_aborted(context) or [
-        fault
-        for comparison, every in zip(
-            context.comparisons, context.disagreements, strict=True
-        )
-        for one in every
-        for fault in _judge_columns(context, comparison, one)
+        f for one in context.disagreements for f in _judge_columns(context, one)
     ]
-    if (
-        not found and context.balance.reason
-    ):  # else torques distinguish a zero from a load
-        found = [
-            f for j in context.comparisons[1].first for f in _judge_zero(context, j)
-        ]
-    return found
+    if found or not context.balance.reason:  # torques distinguish a zero from a load
+        return found
+    servos = context.comparisons["command"].first
+    return [f for joint in servos for f in _judge_zero(context, joint)]
 
 
 def leave_out(*names: str, advice: str = "") -> tuple[str]:
@@ -60,7 +52,7 @@ def leave_out(*names: str, advice: str = "") -> tuple[str]:
 
 def _find_aborted(context: Context) -> list[Fault]:
     """The episode in which most servos do not follow, as they do in all others."""
-    ids, comparison = context.series.episodes, context.comparisons[1]
+    ids, comparison = context.series.episodes, context.comparisons["command"]
     left = {j: _measure_left(comparison, j) for j in comparison.first}
     faults = list[tuple[float, Fault]]()
     for episode in ids:
@@ -118,12 +110,11 @@ def _judge(
     return here, there, float(f.sf(here / max(there, 1e-12), *counts))
 
 
-def _judge_columns(
-    context: Context, comparison: Comparison, one: Disagreement
-) -> Iterator[Fault]:
+def _judge_columns(context: Context, one: Disagreement) -> Iterator[Fault]:
     """Columns that contradict each other in few episodes, and agree in the others."""
     if one.kind not in ("sign", "unit"):
         return
+    comparison = context.comparisons[one.what]
     relations = [
         comparison.relate_own(one.joint, numbers)
         for name, numbers in context.series.numbers.items()
@@ -133,7 +124,7 @@ def _judge_columns(
     if sum(agree) < 2 * len(one.episodes):
         return
     joint = context.joints[one.joint]
-    columns = joint.columns if comparison.what == "velocity" else (joint.position,)
+    columns = joint.columns if one.what == "velocity" else (joint.position,)
     said = {
         "sign": f"has another sign than in the others ({one.relation.r:.3f})",
         "unit": f"is {abs(one.relation.ratio):.3g} times as large",
@@ -142,7 +133,7 @@ def _judge_columns(
         "odd_episode", one.episodes, columns, one.joint,
         f"in episode {', '.join(map(repr, one.episodes))} joint {one.joint!r} {said}: "
         f"{format_columns(columns)} against its "
-        f"{'position' if comparison.what == 'velocity' else 'command'}",
+        f"{'position' if one.what == 'velocity' else 'command'}",
         one.p_value, BASES["columns"],
         leave_out(*one.episodes, advice=", or correct it alone"),
     )  # fmt: skip
@@ -152,7 +143,7 @@ def _judge_zero(context: Context, joint: str) -> Iterator[Fault]:
     """A servo's joint that in one episode stands elsewhere by its command."""
     from scipy.stats import mannwhitneyu
 
-    comparison, series = context.comparisons[1], context.series
+    comparison, series = context.comparisons["command"], context.series
     off = comparison.second[joint] - comparison.first[joint]
     known = np.isfinite(off)
     blocks, first, of = np.unique(

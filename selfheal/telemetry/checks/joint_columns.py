@@ -23,20 +23,17 @@ def find(context: Context) -> Iterator[Fault]:
     """Signs, units and exchanges, then delays and velocities that are no derivative."""
     by_joint: dict[tuple[str, tuple[str, ...]], Seen] = {}
     drifting = {c for f in context.faults if f.kind == "clock_drift" for c in f.columns}
-    for comparison, every in zip(
-        context.comparisons, context.disagreements, strict=True
-    ):
-        for one in every:
-            drifts = drifting & {*context.joints[one.joint].columns}
-            if not (drifts and one.kind in ("delay", "derivative")):
-                pair = tuple(filter(None, (one.joint, one.partner)))
-                by_joint.setdefault((one.kind, pair), {})[comparison.what] = one
+    for one in context.disagreements:
+        drifts = drifting & {*context.joints[one.joint].columns}
+        if not (drifts and one.kind in ("delay", "derivative")):
+            pair = tuple(filter(None, (one.joint, one.partner)))
+            by_joint.setdefault((one.kind, pair), {})[one.what] = one
     late_last = sorted(by_joint.items(), key=lambda item: item[0][0] == "delay")
     for (kind, pair), seen in late_last:
         if kind == "delay":
-            for what, one in seen.items():
-                if what == "velocity" or not context.is_balanced(one.joint):
-                    yield _report_delay(context.joints[one.joint], what, one)
+            for one in seen.values():
+                if one.what == "velocity" or not context.is_balanced(one.joint):
+                    yield _report_delay(context.joints[one.joint], one)
         elif kind != "derivative":
             yield _locate(context, kind, pair, seen)
         elif "velocity" in seen:
@@ -121,8 +118,8 @@ def _choose(
     return options[best], equal
 
 
-def _report_delay(joint: JointColumns, what: str, one: Disagreement) -> Fault:
-    late = one.lag
+def _report_delay(joint: JointColumns, one: Disagreement) -> Fault:
+    late, what = one.lag, one.what
     name = joint.velocity if what == "velocity" and late > 0 else joint.position
     after = "its position" if name == joint.velocity else f"its {what}"
     return Fault(
