@@ -69,6 +69,7 @@ class Explainer(ABC):
         rows: (n) of the series.
         block: (n) number of the block of each.
         count: of these blocks.
+        names: (n) id of the episode of each row.
     """
 
     def __init__(self, states: States) -> None:
@@ -83,6 +84,12 @@ class Explainer(ABC):
         blocks = np.unique(self.series.block[self.rows])
         self.block = np.searchsorted(blocks, self.series.block[self.rows])
         self.count = len(blocks)
+        self.names = self.series.name_episodes(self.rows)
+
+    @property
+    def block_names(self) -> np.ndarray:
+        """Id (B) of the episode of each block."""
+        return self.names[np.unique(self.block, return_index=True)[1]]
 
     def evaluate(self, column_map: ColumnMap, every: int = 1) -> Residuals:
         """What a map of the columns leaves in each so many rows; kept for the next."""

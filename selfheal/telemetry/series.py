@@ -58,8 +58,8 @@ class Series:
         """Numbers of the parts of each id."""
         return {k: [i for i, n in enumerate(self.ids) if n == k] for k in self.episodes}
 
-    def name_episodes(self, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Id (n) of the episode of some rows, or of all."""
+    def name_episodes(self, rows: np.ndarray) -> np.ndarray:
+        """Id (n) of the episode of some rows (n)."""
         return np.array(self.ids)[self.episode[rows]]
 
     def select(self, numbers: Collection[int]) -> np.ndarray:

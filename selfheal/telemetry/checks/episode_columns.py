@@ -82,11 +82,8 @@ def _measure_left(comparison: Comparison, joint: str) -> dict[str, tuple[float, 
 
     Gain and lag are those of each episode, for they change with how fast it moves.
     """
-    names = comparison.series.name_episodes()
-    relations = {
-        name: comparison.relate(joint, joint, np.flatnonzero(names == name))
-        for name in comparison.series.ids
-    }
+    numbers = comparison.series.numbers
+    relations = {k: comparison.relate_own(joint, n) for k, n in numbers.items()}
     return {
         name: (1 - relation.r**2, relation.rows)
         for name, relation in relations.items()

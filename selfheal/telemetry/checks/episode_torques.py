@@ -83,11 +83,10 @@ def _find_unpowered(balance: TorqueBalance) -> list[Fault]:
     if balance.reason:
         return []
     series, faults = balance.series, list[Fault]()
-    names = series.name_episodes(balance.rows)
-    on, off, acts = _balance_without(balance, names)
-    ids = list(dict.fromkeys(names.tolist()))
+    on, off, acts = _balance_without(balance)
+    ids = list(dict.fromkeys(balance.names.tolist()))
     for episode in ids:
-        own = np.flatnonzero(names == episode)
+        own = np.flatnonzero(balance.names == episode)
         _, starts = np.unique(balance.block[own], return_index=True)
         for start in starts:
             rows = own[start:]
@@ -118,19 +117,18 @@ def _list_folds(names: np.ndarray) -> np.ndarray:
     return np.unique(names, return_inverse=True)[1] % MAX_FOLDS
 
 
-def _balance_without(
-    balance: TorqueBalance, names: np.ndarray
-) -> tuple[Floats, Floats, np.ndarray]:
+def _balance_without(balance: TorqueBalance) -> tuple[Floats, Floats, np.ndarray]:
     """What is left of each episode's torques by what is fitted to the others.
 
     (n, D) squares that are left with the actuators' torques and without, 0 where a
     joint is at a stop, and (n, D) whether the actuators' explain anything of the other
-    episodes; `names` (n) are the episodes of the rows.
+    episodes.
     """
-    on = np.empty((len(names), len(balance.dofs)))
+    fold = _list_folds(balance.names)
+    on = np.empty((len(fold), len(balance.dofs)))
     off, acts = np.empty_like(on), np.empty(on.shape, bool)
     for k, terms in enumerate(balance.terms):
-        for here, x in terms.fit_others(_list_folds(names)):
+        for here, x in terms.fit_others(fold):
             left = terms.leave(x)
             given = terms.parts["act"] + terms.x[:, :2] @ x[:2]  # with gain and delay
             on[here, k], off[here, k] = left[here] ** 2, (left - given)[here] ** 2
@@ -161,11 +159,8 @@ def _find_unlike(context: Context) -> list[Fault]:
         scores, least = _score_torques(balance, suspect), MIN_LEFT
         words = "the torques predicted from the others miss those"
     elif not rollouts.reason:
-        blocks = rollouts.evaluate(ColumnMap()).blocks
-        episode = _name_blocks(
-            context.series.name_episodes(rollouts.rows), rollouts.block
-        )
-        scores, least = _Scores(blocks, episode, list(rollouts.groups)), MIN_MISSED
+        blocks, groups = rollouts.evaluate(ColumnMap()).blocks, list(rollouts.groups)
+        scores, least = _Scores(blocks, rollouts.block_names, groups), MIN_MISSED
         words = "short simulations miss the motion"
     else:
         return []
@@ -198,7 +193,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
     """What fits to the other episodes, the suspect one aside, leave of the torques."""
     from scipy.ndimage import median
 
-    names = balance.series.name_episodes(balance.rows)
+    names = balance.names
     fold, trusted = _list_folds(names), names != suspect
     fold[~trusted] = fold.max()
     blocks = np.empty((balance.count, len(balance.dofs)))
@@ -215,7 +210,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
         share = left / np.maximum(usual, terms.size.mean())
         blocks[:, k] = NORMAL * median(share, balance.block, np.arange(balance.count))
     joints = [balance.name_dof(int(d)) for d in balance.dofs]
-    return _Scores(blocks, _name_blocks(names, balance.block), joints)
+    return _Scores(blocks, balance.block_names, joints)
 
 
 def _find_worst(
@@ -244,10 +239,7 @@ def _find_worst(
 
 def _name_cause(balance: TorqueBalance, episode: str, at: int) -> str:
     """What one number alone would explain the episode, as the end of a sentence."""
-    own, terms = (
-        balance.series.name_episodes(balance.rows) == episode,
-        balance.terms[at],
-    )
+    own, terms = balance.names == episode, balance.terms[at]
     left = terms.leave(terms.fit(~own))[own]
     causes = {
         "another zero of a sensor, or a constant force": np.ones(len(left)),
@@ -261,8 +253,3 @@ def _name_cause(balance: TorqueBalance, episode: str, at: int) -> str:
     best = min(after, key=lambda said: after[said])
     is_cause = after[best] < EXPLAINED * float(np.mean(left**2))
     return f"; {best} would explain it" if is_cause else ""
-
-
-def _name_blocks(names: np.ndarray, block: np.ndarray) -> np.ndarray:
-    """Id (B) of the episode of each block, by those of rows (n)."""
-    return names[np.unique(block, return_index=True)[1]]
