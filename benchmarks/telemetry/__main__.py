@@ -24,12 +24,12 @@ from benchmarks.hidden.case import Case
 from benchmarks.hidden.robots.shapes import ROBOTS
 from benchmarks.hidden.sealed import make_case
 from benchmarks.hidden.truth import UnfitDraw
-from benchmarks.telemetry.faults import Injection, inject_faults
+from benchmarks.telemetry.faults import inject_faults, judge
 from benchmarks.telemetry.study import FIRST_SEED, run_study
 from benchmarks.writer import INTACT, Section, make_parser, publish_results
 from selfheal.mujoco_files import silence_mujoco
 from selfheal.recording import Recording, load_model, read
-from selfheal.telemetry import Fault, check_telemetry
+from selfheal.telemetry import check_telemetry
 
 # clean recordings: seeds of each robot of the sealed benchmark, and names of others
 GROUPS = {
@@ -86,20 +86,6 @@ def list_devices() -> Iterator[Row]:
         yield file, load_model(folder / model), read(folder / file)
 
 
-def judge(injection: Injection, faults: list[Fault]) -> tuple[bool, bool, list[str]]:
-    """Whether a fault was found and located, and what else was told."""
-    right = [f for f in faults if f.kind in injection.kinds]
-    located = [
-        f
-        for f in right
-        if not injection.columns
-        or injection.columns & {*f.columns, *f.episodes}
-        or injection.columns & {*f.alternatives}
-    ]
-    others = [f"{f.kind} {', '.join(f.columns)}" for f in faults if f not in located]
-    return bool(right), bool(located), others
-
-
 def _check_rows(rows: Iterator[Row]) -> list[dict[str, Any]]:
     """Alarms of recordings that should give none."""
     found = []
@@ -124,12 +110,13 @@ def check_injected(group: str) -> tuple[list[dict[str, Any]], list[dict[str, Any
         rng = np.random.default_rng(number)
         for one in inject_faults(recording, model, rng):
             faults = check_telemetry(one.recording, one.model)
-            found, located, others = judge(one, faults)
+            found, located, others = judge(one.kinds, one.columns, faults)
+            said = [f"{f.kind} {', '.join(f.columns)}" for f in others]
             injected.append({"group": group, "name": name, "fault": one.name,
-                             "found": found, "located": located,
-                             "others": others})  # fmt: skip
+                             "found": found, "located": bool(located),
+                             "others": said})  # fmt: skip
             if not located:
-                print(name, one.name, others, file=sys.stderr)
+                print(name, one.name, said, file=sys.stderr)
     return clean, injected
 
 

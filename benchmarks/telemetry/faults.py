@@ -1,7 +1,7 @@
 """Faults put into clean recordings: takes a recording, gives it with one fault."""
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -9,10 +9,12 @@ import mujoco
 import numpy as np
 
 from selfheal.recording import Episode, Recording
+from selfheal.telemetry import Fault
 from selfheal.telemetry.joints import JointColumns, list_joints
 
 Values = np.ndarray
 Change = Callable[[Values, Values], Values]
+DEGREES = 180 / np.pi
 DRIFT = 0.25  # [s] by which a clock is late when the longest episode ends
 ODD_AMONG = 4  # episodes of which one is made odd
 ODD_ZERO = 1.0  # of a position's standard deviation, by which a zero is off
@@ -42,12 +44,30 @@ class Injection:
     model: mujoco.MjModel
 
 
+def judge(
+    kinds: Collection[str], columns: frozenset[str], faults: list[Fault]
+) -> tuple[bool, list[Fault], list[Fault]]:
+    """Whether a known fault was found, what locates it, and what else was reported.
+
+    Args:
+        kinds: of faults that name it rightly.
+        columns: that are at fault, or the episode; empty where there is none.
+        faults: that were found.
+    """
+    right = [f for f in faults if f.kind in kinds]
+    located = [
+        f for f in right
+        if not columns or columns & {*f.columns, *f.episodes, *f.alternatives}
+    ]  # fmt: skip
+    return bool(right), located, [f for f in faults if f not in located]
+
+
 def inject_faults(
     recording: Recording, model: mujoco.MjModel, rng: np.random.Generator
 ) -> Iterator[Injection]:
     """Every sort of fault that a recording can have, one after the other.
 
-    A late column is only made where another one tells it: its velocity, or the command
+    A late column is only made where another one shows it: its velocity, or the command
     of a servo. Joints that are exchanged move differently.
 
     Args:
@@ -55,70 +75,93 @@ def inject_faults(
         model: of its robot.
         rng: chooses joints.
     """
-    every = list_joints(recording, model)
+    every = list_joints(recording, model).values()
     joints = [j for j in every if j.position and _moves(recording, j.position)]
+
+    def inject(
+        name: str, kind: str, columns: Iterable[str], change: Change
+    ) -> Injection:
+        changed = change_columns(recording, frozenset(columns), change)
+        return Injection(name, (kind,), frozenset(columns), changed, model)
+
     if joints:
-        yield from _inject_joint(recording, model, joints, rng)
+        joint = joints[rng.integers(len(joints))]
+        yield from _inject_joint(joint, inject)
+        samples = int(rng.integers(*HOLDS))
+        if len(recording.episodes) >= ODD_AMONG:
+            yield from _inject_episode(recording, model, joint, rng)
+        yield inject(
+            "repeated", "stale", joint.columns,
+            lambda t, x: x[np.arange(len(x)) // samples * samples],
+        )  # fmt: skip
+        yield from _inject_range(recording, model, joint)
+    first = next(iter(recording.episodes.values())).signals
+    exchanges = list[tuple[str, dict[str, str]]]()
     if len(joints) > 1:
         one, other = (joints[i] for i in rng.permutation(len(joints))[:2])
         columns = dict(zip(one.columns, other.columns, strict=True))
-        columns |= {b: a for a, b in columns.items()}
-        yield Injection(
-            "exchange", ("exchange",), frozenset(columns),
-            exchange_columns(recording, columns), model,
-        )  # fmt: skip
-    first = next(iter(recording.episodes.values()))
-    torques = [n for n, s in first.signals.items() if s.kind == "joint_torque"]
+        exchanges.append(("exchange", columns))
+    torques = [n for n, s in first.items() if s.kind == "joint_torque"]
     if len(torques) > 1:
-        pair = dict(zip(torques[:2], torques[1::-1], strict=True))
-        yield Injection(
-            "exchanged torques", ("exchange",), frozenset(pair),
-            exchange_columns(recording, pair), model,
-        )  # fmt: skip
-    yield from _inject_bodies(recording, model)
+        exchanges.append(("exchanged torques", {torques[0]: torques[1]}))
+    for name, columns in exchanges:
+        both = columns | {b: a for a, b in columns.items()}
+        exchanged = exchange_columns(recording, both)
+        yield Injection(name, ("exchange",), frozenset(both), exchanged, model)
+    for name, signal in first.items():
+        if signal.kind == "body_orientation":
+            yield inject("order", "quaternion_order", [name],
+                         lambda t, x: np.roll(x, -1, axis=1))  # fmt: skip
     yield from _inject_times(recording, model)
     yield from _inject_drift(recording, model)
 
 
 def _inject_joint(
-    recording: Recording,
-    model: mujoco.MjModel,
-    joints: list[JointColumns],
-    rng: np.random.Generator,
+    joint: JointColumns, inject: Callable[..., Injection]
 ) -> Iterator[Injection]:
-    """Faults of one joint's columns.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joints: that move.
-        rng: chooses one.
-    """
-    joint = joints[rng.integers(len(joints))]
-    both, position = frozenset(joint.columns), frozenset([joint.position])
-
-    def scale(factor: float, columns: frozenset[str]) -> Recording:
-        return change_columns(recording, columns, lambda t, x: factor * x)
-
-    yield Injection("sign", ("sign",), both, scale(-1, both), model)
-    yield Injection("degrees", ("unit",), both, scale(180 / np.pi, both), model)
-    if joint.velocity:
-        speed = frozenset([joint.velocity])
-        yield Injection("sign of a velocity", ("sign",), speed, scale(-1, speed), model)
-        yield Injection(
-            "velocity in degrees", ("unit",), speed, scale(180 / np.pi, speed), model
-        )
-    frozen = change_columns(recording, position, lambda t, x: 0 * x + x[0])
-    yield Injection("frozen", ("frozen",), position, frozen, model)
+    """Faults of one joint's columns in all episodes."""
+    velocity = [("sign of a velocity", "velocity in degrees", [joint.velocity])]
+    for sign, degrees, columns in (
+        ("sign", "degrees", joint.columns), *velocity[: bool(joint.velocity)]
+    ):  # fmt: skip
+        yield inject(sign, "sign", columns, lambda t, x: -x)
+        yield inject(degrees, "unit", columns, lambda t, x: DEGREES * x)
+    yield inject("frozen", "frozen", [joint.position], lambda t, x: 0 * x + x[0])
     if joint.velocity or joint.servo:
         late = LATE_VELOCITY if joint.velocity else LATE_COMMAND
-        delayed = change_columns(recording, position, lambda t, x: _delay(t, x, late))
-        yield Injection("late", ("delay",), both, delayed, model)
-    samples = int(rng.integers(*HOLDS))
-    stale = change_columns(recording, both, lambda t, x: _hold_samples(x, samples))
-    if len(recording.episodes) >= ODD_AMONG:
-        yield from _inject_odd(recording, model, joint, rng)
-    yield Injection("repeated", ("stale",), both, stale, model)
+        delayed = inject("late", "delay", [joint.position], partial(_delay, late))
+        yield replace(delayed, columns=frozenset(joint.columns))
+
+
+def _inject_episode(
+    recording: Recording,
+    model: mujoco.MjModel,
+    joint: JointColumns,
+    rng: np.random.Generator,
+) -> Iterator[Injection]:
+    """One episode in which a joint's columns have another sign, unit or zero."""
+    odd = str(rng.choice(list(recording.episodes)))
+    both, position = frozenset(joint.columns), frozenset([joint.position])
+    readings = recording.episodes[odd].signals[joint.position].values
+    spread = float(np.nanstd(readings))
+    for name, columns, factor, zero in (
+        ("sign in one episode", both, -1.0, 0.0),
+        ("degrees in one episode", both, DEGREES, 0.0),
+        ("zero in one episode", position, 1.0, ODD_ZERO * spread),
+    ):
+        if zero and not joint.servo:
+            continue  # nothing shows the zero of a cart or a wheel
+        change = partial(_rescale, factor=factor, zero=zero)
+        changed = _change(recording.episodes[odd], columns, change)
+        wrong = replace(recording, episodes={**recording.episodes, odd: changed})
+        yield Injection(name, ("odd_episode",), frozenset([odd]), wrong, model)
+
+
+def _inject_range(
+    recording: Recording, model: mujoco.MjModel, joint: JointColumns
+) -> Iterator[Injection]:
+    """Columns in percent of the joint's range, and a range that is too narrow."""
+    both, position = frozenset(joint.columns), frozenset([joint.position])
     limited = _narrow(recording, model, joint, PERCENT_SHARE)
     low, high = limited.jnt_range[joint.number]
     rescale = partial(_rescale, factor=100 / (high - low))
@@ -126,47 +169,13 @@ def _inject_joint(
     zero = -100 * low / (high - low)
     percent = change_columns(percent, position, partial(rescale, zero=zero))
     yield Injection("percent of the range", ("unit",), both, percent, limited)
-    yield Injection(
-        "range", ("joint_range",), position, recording,
-        _narrow(recording, model, joint, RANGE_SHARE),
-    )  # fmt: skip
-
-
-def _inject_odd(
-    recording: Recording,
-    model: mujoco.MjModel,
-    joint: JointColumns,
-    rng: np.random.Generator,
-) -> Iterator[Injection]:
-    """One episode in which a joint's columns have another sign, unit or zero.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joint: of the columns.
-        rng: chooses the episode.
-    """
-    odd = str(rng.choice(list(recording.episodes)))
-    both, position = frozenset(joint.columns), frozenset([joint.position])
-    readings = recording.episodes[odd].signals[joint.position].values
-    spread = float(np.nanstd(readings))
-    for name, columns, factor, zero in (
-        ("sign in one episode", both, -1.0, 0.0),
-        ("degrees in one episode", both, 180 / np.pi, 0.0),
-        ("zero in one episode", position, 1.0, ODD_ZERO * spread),
-    ):
-        if zero and not joint.servo:
-            continue  # nothing tells the zero of a cart or a wheel
-        episodes = dict(recording.episodes)
-        change = partial(_rescale, factor=factor, zero=zero)
-        episodes[odd] = _change(episodes[odd], columns, change)
-        changed = replace(recording, episodes=episodes)
-        yield Injection(name, ("odd_episode",), frozenset([odd]), changed, model)
+    narrow = _narrow(recording, model, joint, RANGE_SHARE)
+    yield Injection("range", ("joint_range",), position, recording, narrow)
 
 
 def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
     """A clock that runs slow: of all velocities, or of all readings of servos."""
-    joints = list_joints(recording, model)
+    joints = list_joints(recording, model).values()
     longest = max(float(np.ptp(e.time)) for e in recording.episodes.values())
     speeds = frozenset(j.velocity for j in joints if j.velocity and j.position)
     led = frozenset(j.position for j in joints if j.position and j.servo)
@@ -181,19 +190,9 @@ def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
             yield Injection(name, ("clock_drift",), of, drifting, model)
 
 
-def _inject_bodies(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
-    first = next(iter(recording.episodes.values()))
-    for name, signal in first.signals.items():
-        if signal.kind == "body_orientation":
-            column = frozenset([name])
-            other = change_columns(recording, column, _roll)
-            yield Injection("order", ("quaternion_order",), column, other, model)
-
-
 def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
     def tear(e: Episode) -> Episode:
-        rows = np.abs(e.time - e.time.mean()) > 0.2
-        return _select(e, rows)
+        return _select(e, np.abs(e.time - e.time.mean()) > 0.2)
 
     def repeat(e: Episode) -> Episode:
         steps = np.diff(e.time, prepend=e.time[0] - 1)
@@ -229,11 +228,6 @@ def _change(e: Episode, columns: frozenset[str], change: Change) -> Episode:
     return replace(e, signals=signals, qpos0=None, qvel0=None)
 
 
-def _roll(time: Values, quaternion: Values) -> Values:
-    """Quaternions that begin with w as x y z w."""
-    return np.roll(quaternion, -1, axis=1)
-
-
 def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
     """Readings in another unit, with another zero."""
     return factor * x + zero
@@ -257,7 +251,7 @@ def _select(e: Episode, rows: np.ndarray) -> Episode:
     return replace(e, time=e.time[rows], ctrl=e.ctrl[rows], signals=signals)
 
 
-def _delay(time: Values, x: Values, seconds: float) -> Values:
+def _delay(seconds: float, time: Values, x: Values) -> Values:
     known = np.isfinite(x)
     late = np.interp(time - seconds, time[known], x[known])
     return np.where(known, late, np.nan)
@@ -266,14 +260,7 @@ def _delay(time: Values, x: Values, seconds: float) -> Values:
 def _narrow(
     recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
 ) -> mujoco.MjModel:
-    """The model with a range of which the readings take a share, or leave it.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        joint: whose range it is.
-        share: width of the range over that of the readings.
-    """
+    """The model with a range of which the readings take a share, or leave it."""
     x = np.concatenate(
         [e.signals[joint.position].values for e in recording.episodes.values()]
     )
@@ -288,11 +275,6 @@ def _narrow(
 def _moves(recording: Recording, name: str) -> bool:
     x = np.concatenate([e.signals[name].values for e in recording.episodes.values()])
     return bool(np.nanstd(x) > 0.05)
-
-
-def _hold_samples(x: Values, samples: int) -> Values:
-    """Readings of which each is repeated until the next of so many samples."""
-    return x[np.arange(len(x)) // samples * samples]
 
 
 def _stretch(time: Values, x: Values, slope: float) -> Values:

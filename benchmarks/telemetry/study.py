@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.telemetry.correct import Files, correct, write_setup
 from benchmarks.telemetry.drawn_robots import DrawnRobot, draw_robot
+from benchmarks.telemetry.faults import judge
 from benchmarks.telemetry.setups import Setup, draw_setup
 from benchmarks.writer import tell_progress
 from selfheal.telemetry import Fault, check_telemetry
@@ -41,16 +42,11 @@ def _try_setup(setup: Setup, robot: DrawnRobot) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         files = write_setup(setup, Path(folder), robot.gains)
         faults, left = _check_twice(files)
-    right = [f for f in faults if f.kind in setup.kinds]
-    located = [
-        f for f in right
-        if not setup.columns
-        or setup.columns & {*f.columns, *f.episodes, *f.alternatives}
-    ]  # fmt: skip
+    _, located, others = judge(setup.kinds, setup.columns, faults)
     return {
         "fault": setup.name,
         "told": bool(located),
-        "others": [f.describe() for f in faults if f not in located],
+        "others": [f.describe() for f in others],
         "left": [f.describe() for f in left],
     }
 

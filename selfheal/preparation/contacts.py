@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..recording.data import Floats
+from ..telemetry.contacts import find_touching_bodies
 
 if TYPE_CHECKING:
     import mujoco
@@ -23,23 +24,13 @@ def find_touching_pairs(model: "mujoco.MjModel") -> list[tuple[int, int]]:
     Args:
         model: compiled; its joints are turned within their ranges.
     """
-    import mujoco
-
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    always: set[tuple[int, int]] | None = None
-    for pose in range(POSES + 1):
-        data.qpos[:] = draw_pose(model, rng) if pose else model.qpos0
-        mujoco.mj_fwdPosition(model, data)
-        touching = {
-            tuple(sorted(int(model.geom_bodyid[g]) for g in contact.geom))
-            for contact in data.contact
-            if contact.dist <= 0 and min(contact.geom) >= 0
-        }
-        always = touching if always is None else always & touching  # type: ignore
-        if not always:
-            return []
+    rng = np.random.default_rng(0)
+    poses = (
+        draw_pose(model, rng) if pose else model.qpos0 for pose in range(POSES + 1)
+    )
     bases = [_find_free_base(model, body) for body in range(model.nbody)]
-    return sorted(pair for pair in always or () if bases[pair[0]] == bases[pair[1]])
+    pairs = find_touching_bodies(model, poses)
+    return sorted(pair for pair in pairs if bases[pair[0]] == bases[pair[1]])
 
 
 def draw_pose(model: "mujoco.MjModel", rng: np.random.Generator) -> Floats:

@@ -1,4 +1,4 @@
-"""What is wrong with a log: the kinds of faults, what each means, what corrects it."""
+"""What is wrong with a log: a fault of one of the `KINDS`, and what corrects it."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import RecordingError, UnknownNameError
+from .registry import KINDS
 
 # of a fault that refuses a diagnosis, the largest p-value; chosen: one log in a
 # thousand is refused for nothing at most
@@ -14,33 +15,7 @@ DECISIVE_P_VALUE = 1e-3
 MAX_LISTED = 8
 
 SKIP = "skip"  # key of a correction: the column is to be left out
-
-# by kind: whether it makes physics meaningless
-KINDS: Mapping[str, bool] = {
-    "sign": True,
-    "unit": True,
-    "exchange": True,
-    "frozen": True,
-    "zeros": True,
-    "derivative": True,
-    "quaternion_order": True,
-    "sensor_frame": True,
-    "actuator_type": True,
-    "no_actuator": True,
-    "free_base": True,
-    "permanent_contact": False,
-    "saturated": False,
-    "delay": False,
-    "jitter": False,
-    "gap": False,
-    "duplicate": False,
-    "joint_range": False,
-    "command_range": False,
-    "torque_is_command": False,
-    "stale": False,
-    "clock_drift": False,
-    "odd_episode": False,
-}
+COUNTED = "counted, not estimated"
 
 
 @dataclass(frozen=True)
@@ -74,7 +49,7 @@ class ModelCorrection:
 
     Attributes:
         xml: of the element; one without a name is to be added.
-        unit: of its numbers; "" where they are plain.
+        unit: of its numbers; "" where they have none.
     """
 
     xml: str
@@ -102,7 +77,7 @@ class Fault:
             by which test.
         basis: of the p-value.
         corrections: of the log's map or of the model.
-        alternatives: columns that may be at fault instead, as far as these data tell.
+        alternatives: columns that may be at fault instead, as far as these data say.
     """
 
     kind: str
@@ -110,9 +85,9 @@ class Fault:
     columns: tuple[str, ...]
     target: str
     seen: str
-    p_value: float
-    basis: str
-    corrections: tuple[Correction, ...]
+    p_value: float = 0.0
+    basis: str = COUNTED
+    corrections: tuple[Correction, ...] = ()
     alternatives: tuple[str, ...] = ()
 
     @property
@@ -127,11 +102,7 @@ class Fault:
 
 
 def list_decisive(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
-    """The faults for which a diagnosis is refused.
-
-    Args:
-        faults: of a recording.
-        skip: kinds that are not asked about.
+    """The faults for which a diagnosis is refused; `skip` are kinds to let pass.
 
     Raises:
         UnknownNameError: a kind that there is not.
@@ -168,8 +139,8 @@ def refuse_faulty(
         said.append(f"{len(found) - MAX_LISTED} more")
     kinds = " ".join(f"--no-check {k}" for k in dict.fromkeys(f.kind for f in found))
     raise RecordingError(
-        f"{file}: log and model contradict each other, and no physics can be told from "
-        f"it: {'. '.join(said)}. Would fit: a corrected log, or {kinds}"
+        f"{file}: log and model contradict each other, and no physics can be "
+        f"identified from it: {'. '.join(said)}. Would fit: a corrected log, or {kinds}"
     )
 
 

@@ -50,6 +50,7 @@ class JointColumns:
         actuators: all that act on this joint alone.
         commands: names of these actuators' columns.
         range: of the joint [rad or m]; None where it has no limits.
+        is_slide: whether it is a slide.
     """
 
     name: str
@@ -60,6 +61,7 @@ class JointColumns:
     actuators: tuple[str, ...] = field(default=())
     commands: tuple[str, ...] = field(default=())
     range: tuple[float, float] | None = None
+    is_slide: bool = False
 
     @property
     def span(self) -> float:
@@ -72,8 +74,19 @@ class JointColumns:
         return tuple(filter(None, (self.position, self.velocity)))
 
 
-def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColumns]:
-    """Every hinge and slide of a model, with the columns of a recording about it.
+def list_signals(recording: Recording) -> dict[tuple[str, str], str]:
+    """The first signal of each kind and target."""
+    found: dict[tuple[str, str], str] = {}
+    for episode in recording.episodes.values():
+        for name, signal in episode.signals.items():
+            found.setdefault((signal.kind, signal.target), name)
+    return found
+
+
+def list_joints(
+    recording: Recording, model: "mujoco.MjModel"
+) -> dict[str, JointColumns]:
+    """Every hinge and slide of a model by its name, with a recording's columns of it.
 
     Commands have the names that `reorder_commands` gives them.
     """
@@ -82,35 +95,31 @@ def list_joints(recording: Recording, model: "mujoco.MjModel") -> list[JointColu
     names = [control.full_name for control in list_controls(model)]
     read = _find_readings(recording, model)
     hinges = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    found = []
+    found = {}
     for j in range(model.njnt):
         if model.jnt_type[j] not in hinges:
             continue
         name = model.joint(j).name
         acting = [a for a in range(model.nactuator) if find_joint(model, a) == j]
-        found.append(
-            JointColumns(
-                name,
-                j,
-                read.get(("position", name), ""),
-                read.get(("velocity", name), ""),
-                _find_servo(model, acting, names),
-                tuple(model.actuator(a).name for a in acting),
-                tuple(names[c] for a in acting for c in find_controls(model, a)),
-                _get_range(model, j),
-            )
+        low, high = model.jnt_range[j]
+        found[name] = JointColumns(
+            name,
+            j,
+            read.get(("position", name), ""),
+            read.get(("velocity", name), ""),
+            _find_servo(model, acting, names),
+            tuple(model.actuator(a).name for a in acting),
+            tuple(names[c] for a in acting for c in find_controls(model, a)),
+            (float(low), float(high)) if model.jnt_limited[j] else None,
+            bool(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
         )
     return found
 
 
-def goes_along(recording: Recording, joint: JointColumns) -> bool:
-    """Whether a joint's velocity is in the unit of its position.
+def shares_unit(recording: Recording, joint: JointColumns) -> bool:
+    """Whether a joint's velocity, if it is read, is in the unit of its position.
 
     By what both say of how far it moves in `STRIDE`: farther than an encoder's step.
-
-    Args:
-        recording: of the robot.
-        joint: with both columns.
     """
     moved, summed = list[Floats](), list[Floats]()
     for e in recording.episodes.values():
@@ -119,9 +128,10 @@ def goes_along(recording: Recording, joint: JointColumns) -> bool:
                     for n in (joint.position, joint.velocity))  # fmt: skip
             steps = np.diff(e.time)
             every = max(1, round(STRIDE / float(np.median(steps))))
-            way = np.append(0.0, np.cumsum(np.nan_to_num((v[1:] + v[:-1]) / 2) * steps))
+            path = np.cumsum(np.nan_to_num((v[1:] + v[:-1]) / 2) * steps)
+            path = np.append(0.0, path)
             moved.append(x[every:] - x[:-every])
-            summed.append(way[every:] - way[:-every])
+            summed.append(path[every:] - path[:-every])
     if not moved:
         return False
     one, other = (
@@ -156,40 +166,19 @@ def _find_readings(
     return found
 
 
-def slide_joint_type() -> int:
-    """MuJoCo's number of a slide."""
-    import mujoco
-
-    return int(mujoco.mjtJoint.mjJNT_SLIDE)
-
-
 def follows_command(model: "mujoco.MjModel", actuator: int) -> bool:
     """Whether an actuator's activation, if any, is its command, but for a lag."""
     import mujoco
 
     kinds = mujoco.mjtDyn
-    plain = (kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT)
-    return int(model.actuator_dyntype[actuator]) in map(int, plain)
-
-
-def _get_range(model: "mujoco.MjModel", joint: int) -> tuple[float, float] | None:
-    """Limits of a joint [rad or m]; None where it has none."""
-    if not model.jnt_limited[joint]:
-        return None
-    low, high = (float(x) for x in model.jnt_range[joint])
-    return low, high
+    lags = (kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT)
+    return int(model.actuator_dyntype[actuator]) in map(int, lags)
 
 
 def _find_servo(
     model: "mujoco.MjModel", actuators: list[int], names: list[str]
 ) -> Reference | None:
-    """The reference of the first position servo among some actuators.
-
-    Args:
-        model: of the robot.
-        actuators: their ids.
-        names: of the columns of ctrl.
-    """
+    """The reference of the first position servo; `names` are those of ctrl."""
     import mujoco
 
     for a in actuators:
@@ -197,7 +186,7 @@ def _find_servo(
         gear, goal = model.actuator_gear[find_output(model, a), 0], find_goal(model, a)
         affine = model.actuator_biastype[a] == int(mujoco.mjtBias.mjBIAS_AFFINE)
         fixed = model.actuator_gaintype[a] == int(mujoco.mjtGain.mjGAIN_FIXED)
-        plain = affine and (fixed or is_pid(model, a)) and follows_command(model, a)
-        if plain and goal >= 0 and gain and gear:
+        is_servo = affine and (fixed or is_pid(model, a)) and follows_command(model, a)
+        if is_servo and goal >= 0 and gain and gear:
             return Reference(names[goal], float(-gain / bias[1] / gear))
     return None

@@ -70,7 +70,7 @@ def _correct_rule(
         }
         parts.setdefault(json.dumps(parting), []).append(k)
     if len(parts) > 1 and isinstance(rule.columns, str) and rule.targets:
-        return [rule]  # only the log tells which column is whose
+        return [rule]  # only the log says which column is whose
     made = list[ColumnRule]()
     for members in parts.values():
         part = rule if len(parts) == 1 else _take(rule, targets, members)
@@ -88,13 +88,7 @@ def _list_stars(
 
 
 def _take(rule: ColumnRule, targets: Sequence[str], members: list[int]) -> ColumnRule:
-    """A rule for some of the targets.
-
-    Args:
-        rule: for all.
-        targets: of it.
-        members: numbers of those that are taken.
-    """
+    """A rule for some of its targets, by their numbers."""
     names = [targets[k] for k in members]
     if isinstance(rule.columns, str):
         columns = [rule.columns.replace("*", name) for name in names]
@@ -112,13 +106,7 @@ def _take(rule: ColumnRule, targets: Sequence[str], members: list[int]) -> Colum
 def _change(
     rule: ColumnRule, changes: Sequence[dict[str, Any]], targets: Sequence[str]
 ) -> ColumnRule:
-    """A rule whose columns are read otherwise.
-
-    Args:
-        rule: that is corrected.
-        changes: of each target.
-        targets: of the rule.
-    """
+    """A rule whose columns are read otherwise, by the changes of each target."""
     first = changes[0]
     if ends := first.get("from_range"):
         rule = replace(rule, from_range=tuple(ends), to_range=None, unit="", sign=1,

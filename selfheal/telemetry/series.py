@@ -1,6 +1,6 @@
 """Smoothed columns: takes a recording, gives values and slopes on a common grid."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -14,6 +14,7 @@ from ..recording.data import Floats
 # of an encoder's noise in an acceleration
 KERNEL_SECONDS, KERNEL_SAMPLES = 0.025, 1.5
 GRID_SECONDS = 0.01  # least step of the common grid; chosen: half a kernel
+INDEPENDENT_KERNELS = 4.0  # between independent rows; the width of a Gaussian's overlap
 EDGE_KERNELS = 2.5  # kept away from ends and gaps; chosen: 1 % of a kernel's weight
 BLOCK_SECONDS = 1.0  # of a block that is held out; chosen: longer than motions remember
 MAX_GAP_STEPS = 4.0  # sampling times without a reading; chosen: readings get lost
@@ -51,6 +52,28 @@ class Series:
     def episodes(self) -> tuple[str, ...]:
         """Each id once."""
         return tuple(dict.fromkeys(self.ids))
+
+    @property
+    def numbers(self) -> dict[str, list[int]]:
+        """Numbers of the parts of each id."""
+        return {k: [i for i, n in enumerate(self.ids) if n == k] for k in self.episodes}
+
+    def name_episodes(self, rows: np.ndarray) -> np.ndarray:
+        """Id (n) of the episode of some rows (n)."""
+        return np.array(self.ids)[self.episode[rows]]
+
+    def select(self, numbers: Collection[int]) -> np.ndarray:
+        """Rows (n) of the episodes of some numbers."""
+        return np.flatnonzero(np.isin(self.episode, [*numbers]))
+
+    def count_rows(self, seconds: float) -> int:
+        """Steps of the grid in a time [s]."""
+        return round(seconds / self.step)
+
+    @property
+    def independent_seconds(self) -> float:
+        """From one row that is independent to the next [s]."""
+        return INDEPENDENT_KERNELS * self.kernel
 
 
 def build_series(recording: Recording) -> Series:
@@ -117,15 +140,9 @@ def _smooth(
 ) -> Floats:
     """Values (T, d) at `time`, their slopes and curvatures at `at` (n): (n, d, 3).
 
-    A derivative of a Gaussian kernel gives each: all of them, and all columns, are
-    seen through the same kernel, so that what is linear between them stays so.
-
-    Args:
-        time: (T) [s].
-        values: (T, d) [unit].
-        at: (n) [s].
-        sigma: standard deviation of the kernel [s].
-        held: whether a value holds until the next, as commands do.
+    A derivative of a Gaussian kernel, of deviation `sigma` [s], gives each: all of
+    them, and all columns, are seen through the same kernel, so that what is linear
+    between them stays so. A `held` value holds until the next, as commands do.
     """
     from scipy.ndimage import gaussian_filter1d
 

@@ -1,25 +1,26 @@
-"""States from columns: takes a mend of the columns, gives positions and their rates."""
+"""States from columns: takes how they are to be read, gives positions and rates."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording
+from ..recording import Recording, list_controls
 from ..recording.data import Floats
-from .joints import JointColumns
+from .joints import JointColumns, list_signals
 from .series import Series
 
 if TYPE_CHECKING:
     import mujoco
 
-IDENTITY = (0, 1, 2, 3)
+MAX_ROWS = 600  # that kinematics is evaluated in; chosen: tens of milliseconds
+W_X_Y_Z = (0, 1, 2, 3)
 X_Y_Z_W = (3, 0, 1, 2)  # places of w, x, y, z in a quaternion that ends in w
 
 
 @dataclass(frozen=True)
-class Mend:
+class ColumnMap:
     """How columns are read otherwise than the log says.
 
     Attributes:
@@ -32,9 +33,9 @@ class Mend:
     commands: Mapping[str, tuple[str, float]] = field(default_factory=dict)
     order: Mapping[str, tuple[int, ...]] = field(default_factory=dict)
 
-    def then(self, other: "Mend") -> "Mend":
-        """This mend and another one, of other columns."""
-        return Mend(
+    def __or__(self, other: "ColumnMap") -> "ColumnMap":
+        """This map and another one, of other columns."""
+        return ColumnMap(
             {**self.positions, **other.positions},
             {**self.commands, **other.commands},
             {**self.order, **other.order},
@@ -42,21 +43,22 @@ class Mend:
 
 
 class States:
-    """The states of a robot, as far as a recording tells them.
+    """The states of a robot, as far as a recording has them.
 
     Attributes:
-        reason: why they are not known; "" where they are.
         model: of the robot.
         joints: by name.
         series: of the recording.
-        bases: signals of place and turn of each free joint's body, by its number.
+        bases: names of the bodies with free joints whose pose is read, by the joint.
+        poses: signals of place and turn of each of these bodies, by its name.
+        reason: why the states are not known; "" where they are.
     """
 
     def __init__(
         self,
         recording: Recording,
         model: "mujoco.MjModel",
-        joints: Sequence[JointColumns],
+        joints: Mapping[str, JointColumns],
         series: Series,
     ) -> None:
         """Find the columns.
@@ -64,28 +66,34 @@ class States:
         Args:
             recording: of the robot.
             model: of it.
-            joints: with their columns.
+            joints: with their columns, by name.
             series: of the recording.
         """
-        self.model, self.series = model, series
-        self.joints = {j.name: j for j in joints}
-        self.bases = _find_bases(recording, model)
+        self.model, self.joints, self.series = model, joints, series
+        self.bases, self.poses = dict[int, str](), dict[str, tuple[str, str]]()
+        signals = list_signals(recording)
+        for j in list_free_joints(model):
+            body = model.body(model.jnt_bodyid[j]).name
+            place = signals.get(("body_position", body))
+            turn = signals.get(("body_orientation", body))
+            if place and turn:
+                self.bases[j], self.poses[body] = body, (place, turn)
         self.reason = self._explain_unknown()
 
     def _explain_unknown(self) -> str:
         import mujoco
 
         m = self.model
-        ball = int(mujoco.mjtJoint.mjJNT_BALL)
         if not m.nv:
             return "nothing of the model moves"
-        if (m.jnt_type == ball).any():
+        if (m.jnt_type == mujoco.mjtJoint.mjJNT_BALL).any():
             return "the model has a ball joint, which no signal reads"
-        free = np.flatnonzero(m.jnt_type == free_joint_type())
-        for base in set(free.tolist()) - set(self.bases):
+        for base in set(list_free_joints(m)) - set(self.bases):
             name = m.body(m.jnt_bodyid[base]).name
-            said = " ".join(correct_base(m, name))
-            return f"the pose of {name!r}, which has a free joint, is not read: {said}"
+            advice = " ".join(correct_base(m, name))
+            return (
+                f"the pose of {name!r}, which has a free joint, is not read: {advice}"
+            )
         if lost := [j.name for j in self.joints.values() if not j.position]:
             return f"the position of joint {lost[0]!r} is not read"
         return ""
@@ -95,53 +103,69 @@ class States:
         known = np.full(len(self.series.episode), not self.reason)
         if self.reason:
             return known
-        read = [self.series.signals[j.position] for j in self.joints.values()]
-        read += [self.series.signals[n] for pose in self.bases.values() for n in pose]
-        for columns in read:
-            known &= np.isfinite(columns[:, :, 2]).all(axis=1)
+        names = [j.position for j in self.joints.values()]
+        names += [n for pose in self.poses.values() for n in pose]
+        for name in names:
+            known &= np.isfinite(self.series.signals[name][:, :, 2]).all(axis=1)
         return known
 
-    def compute(self, mend: Mend, rows: np.ndarray) -> tuple[Floats, Floats, Floats]:
+    def choose_rows(self, known: np.ndarray | bool = True) -> np.ndarray:
+        """Rows (n), evenly out of those where all and what else is needed is known."""
+        return thin(np.flatnonzero(known & self.find_known()), MAX_ROWS)
+
+    def compute(
+        self, column_map: ColumnMap, rows: np.ndarray
+    ) -> tuple[Floats, Floats, Floats]:
         """Positions (n, nq), velocities (n, nv), accelerations (n, nv)."""
         m = self.model
         q = np.tile(m.qpos0, (len(rows), 1))
         v, a = np.zeros((len(rows), m.nv)), np.zeros((len(rows), m.nv))
         for j in self.joints.values():
-            source, factor = mend.positions.get(j.name, (j.name, 1.0))
+            source, factor = column_map.positions.get(j.name, (j.name, 1.0))
             column = self.series.signals[self.joints[source].position][rows, 0] * factor
-            q[:, m.jnt_qposadr[j.number]] = column[:, 0]
-            v[:, m.jnt_dofadr[j.number]] = column[:, 1]
-            a[:, m.jnt_dofadr[j.number]] = column[:, 2]
-        for base, (place, turn) in self.bases.items():
+            at, to = m.jnt_qposadr[j.number], m.jnt_dofadr[j.number]
+            q[:, at], v[:, to], a[:, to] = column.T
+        for base, body in self.bases.items():
             at, to = m.jnt_qposadr[base], m.jnt_dofadr[base]
-            body = m.body(m.jnt_bodyid[base]).name
-            order = list(mend.order.get(body, IDENTITY))
-            p = self.series.signals[place][rows]
-            q[:, at : at + 3], v[:, to : to + 3] = p[..., 0], p[..., 1]
-            a[:, to : to + 3] = p[..., 2]
-            turns = self.series.signals[turn][rows][:, order]
-            unit, rate, change = spin(turns)
-            q[:, at + 3 : at + 7] = unit
-            v[:, to + 3 : to + 6], a[:, to + 3 : to + 6] = rate, change
+            place, turn = (self.series.signals[n][rows] for n in self.poses[body])
+            q[:, at : at + 3], v[:, to : to + 3], a[:, to : to + 3] = np.moveaxis(
+                place, 2, 0
+            )
+            turn = turn[:, list(column_map.order.get(body, W_X_Y_Z))]
+            q[:, at + 3 : at + 7], v[:, to + 3 : to + 6], a[:, to + 3 : to + 6] = (
+                compute_rates(turn)
+            )
         return q, v, a
 
+    def compute_commands(self, column_map: ColumnMap, rows: np.ndarray) -> Floats:
+        """Commands (n, nu, 3): values, slopes [1/s], curvatures [1/s^2]."""
+        names = [control.full_name for control in list_controls(self.model)]
+        out = np.zeros((len(rows), len(names), 3))
+        for k, name in enumerate(names):
+            source, factor = column_map.commands.get(name, (name, 1.0))
+            out[:, k] = self.series.ctrl[source][rows] * factor
+        return out
 
-def q_of_dofs(model: "mujoco.MjModel", qpos: Floats) -> Floats:
-    """Positions (n, nv) of hinges and slides, 0 for free joints."""
-    out = np.zeros((len(qpos), model.nv))
-    for j in range(model.njnt):
-        if model.jnt_type[j] != free_joint_type():
-            out[:, model.jnt_dofadr[j]] = qpos[:, model.jnt_qposadr[j]]
-    return out
+    def list_positions(self, qpos: Floats) -> Floats:
+        """Hinges and slides (n, nv) of qpos (n, nq), 0 for free joints [rad or m]."""
+        m, out = self.model, np.zeros((len(qpos), self.model.nv))
+        for j in self.joints.values():
+            out[:, m.jnt_dofadr[j.number]] = qpos[:, m.jnt_qposadr[j.number]]
+        return out
 
 
-def spin(turns: Floats) -> tuple[Floats, Floats, Floats]:
+def thin(rows: np.ndarray, most: int) -> np.ndarray:
+    """Rows (n), evenly chosen so that they are `most` at most."""
+    if len(rows) <= most:
+        return rows
+    return rows[np.linspace(0, len(rows) - 1, most).astype(int)]
+
+
+def compute_rates(turns: Floats) -> tuple[Floats, Floats, Floats]:
     """Unit quaternions (n, 4), rates and accelerations (n, 3) in the body's frame.
 
     With q' = q w / 2, w = 2 conj(q) q'; the rest of its derivative has no vector part.
-
-    Args:
-        turns: (n, 4, 3) quaternion, slope and curvature.
+    `turns` (n, 4, 3) are the quaternion, its slope and curvature.
     """
     size = np.linalg.norm(turns[..., 0], axis=1)[:, None, None]
     q, dq, ddq = np.moveaxis(turns / np.maximum(size, 1e-9), 2, 0)
@@ -153,22 +177,11 @@ def _conjugate_product(a: Floats, b: Floats) -> Floats:
     return a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
 
 
-def _find_bases(
-    recording: Recording, model: "mujoco.MjModel"
-) -> dict[int, tuple[str, str]]:
-    """Free joints by number, with the signals of their body's place and turn."""
-    kinds: dict[tuple[str, str], str] = {}
-    for episode in recording.episodes.values():
-        for name, signal in episode.signals.items():
-            kinds.setdefault((signal.kind, signal.target), name)
-    found = {}
-    for j in range(model.njnt):
-        if model.jnt_type[j] == free_joint_type():
-            body = model.body(model.jnt_bodyid[j]).name
-            pose = [kinds.get((k, body)) for k in ("body_position", "body_orientation")]
-            if pose[0] and pose[1]:
-                found[j] = (pose[0], pose[1])
-    return found
+def list_free_joints(model: "mujoco.MjModel") -> list[int]:
+    """Numbers of the free joints."""
+    import mujoco
+
+    return np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).tolist()
 
 
 def correct_base(model: "mujoco.MjModel", body: str) -> tuple[str, str]:
@@ -182,8 +195,6 @@ def correct_base(model: "mujoco.MjModel", body: str) -> tuple[str, str]:
     )
 
 
-def free_joint_type() -> int:
-    """MuJoCo's number of a free joint."""
-    import mujoco
-
-    return int(mujoco.mjtJoint.mjJNT_FREE)
+def name_body(model: "mujoco.MjModel", body: int) -> str:
+    """Name of a body by its number, or words for one without."""
+    return model.body(body).name or f"number {body}, which has no name"

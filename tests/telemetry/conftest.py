@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from selfheal.recording import Episode, Recording, Signal
+from tests.support.logs.edited_logs import RATE, drive
 
 ARM = """
 <mujoco>
@@ -32,7 +33,7 @@ SERVOS = """
     <position name="e" joint="elbow" kp="15" kv="0.8"/>"""
 MOTORS = '<motor name="s" joint="shoulder"/><motor name="e" joint="elbow"/>'
 JOINTS = ("shoulder", "elbow")
-RATE, SECONDS, EPISODES = 100, 5.0, 3
+SECONDS, EPISODES = 5.0, 3
 
 
 def _draw_goals(rng, time):
@@ -162,14 +163,9 @@ def rover():
     model = mujoco.MjModel.from_xml_string(ROVER)
     rng, episodes = np.random.default_rng(5), {}
     for k in range(EPISODES):
-        data = mujoco.MjData(model)
         time = np.arange(int(SECONDS * RATE)) / RATE
-        goals, rows = 12 * _draw_goals(rng, time), []
-        for goal in goals:
-            data.ctrl[:] = goal
-            rows.append(data.qpos.copy())
-            mujoco.mj_step(model, data, 5)
-        q = np.array(rows) + rng.normal(0, 5e-4, (len(rows), model.nq))
+        goals = 12 * _draw_goals(rng, time)
+        q = drive(model, goals) + rng.normal(0, 5e-4, (len(goals), model.nq))
         signals = {
             "place": Signal(q[:, :3], "body_position", "chassis", "m"),
             "turn": Signal(q[:, 3:7], "body_orientation", "chassis", "quaternion"),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from selfheal.telemetry.balance import solve_bounded
+from selfheal.telemetry.terms import solve_bounded
 
 
 @pytest.mark.parametrize("seed", [229, 449, 592, 7])

@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,25 +11,16 @@ from selfheal.errors import RecordingError, UnknownNameError
 from selfheal.telemetry import (
     KINDS,
     check_telemetry,
+    checks,
     examine_telemetry,
     list_decisive,
     list_tolerable,
     refuse_faulty,
 )
+from selfheal.telemetry.registry import CHECKS
+from tests.support.logs.edited_logs import edit, flip, to_degrees
 
-DEGREES = 180 / np.pi
-
-
-def _edit(recording, change, *names):
-    """The recording with `change(time, values)` of some signals."""
-    episodes = {
-        k: replace(e, signals={
-            n: replace(s, values=change(e.time, s.values)) if n in names else s
-            for n, s in e.signals.items()
-        })
-        for k, e in recording.episodes.items()
-    }  # fmt: skip
-    return replace(recording, episodes=episodes)
+BOTH = ("elbow_q", "elbow_v")
 
 
 def _exchange(recording, *pairs):
@@ -43,8 +35,13 @@ def _exchange(recording, *pairs):
     return replace(recording, episodes=episodes)
 
 
-def _told(recording, model):
+def _find(recording, model):
     return {(f.kind, *sorted(f.columns)) for f in check_telemetry(recording, model)}
+
+
+def test_every_check_is_registered():
+    modules = {path.stem for path in Path(checks.__file__).parent.glob("*.py")}
+    assert modules - {"__init__"} == {check.name for check in CHECKS}
 
 
 def test_a_right_log_gives_no_alarm(servo_arm, torque_arm):
@@ -58,38 +55,29 @@ def test_missing_physics_is_no_fault_of_the_log(missing_physics):
     assert check_telemetry(recording, model) == []
 
 
-def _flip(time, x):
-    return -x
-
-
-def _to_degrees(time, x):
-    return x * DEGREES
-
-
-@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
-def test_a_servo_tells_sign_and_unit_of_its_joint(servo_arm, change, kind):
+@pytest.mark.parametrize(
+    ("change", "columns", "kind"),
+    [
+        *((flip, columns, "sign") for columns in (BOTH, ("elbow_v",), ("gyro",))),
+        *((to_degrees, columns, "unit") for columns in (BOTH, ("elbow_v",))),
+        (lambda t, x: 0 * x + x[0], ("elbow_q",), "frozen"),
+    ],
+)
+def test_other_columns_tell_what_is_wrong_with_some(servo_arm, change, columns, kind):
     model, recording = servo_arm
-    wrong = _edit(recording, change, "elbow_q", "elbow_v")
-    assert _told(wrong, model) == {(kind, "elbow_q", "elbow_v")}
+    assert _find(edit(recording, change, *columns), model) == {(kind, *columns)}
 
 
-@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
-def test_a_velocity_alone_is_told_from_its_position(servo_arm, change, kind):
-    model, recording = servo_arm
-    wrong = _edit(recording, change, "elbow_v")
-    assert _told(wrong, model) == {(kind, "elbow_v")}
-
-
-@pytest.mark.parametrize(("change", "kind"), [(_flip, "sign"), (_to_degrees, "unit")])
+@pytest.mark.parametrize(("change", "kind"), [(flip, "sign"), (to_degrees, "unit")])
 def test_torques_tell_what_no_other_column_does(torque_arm, change, kind):
     model, recording = torque_arm
-    wrong = _edit(recording, change, "elbow_q")
+    wrong = edit(recording, change, "elbow_q")
     found = [f for f in check_telemetry(wrong, model) if "gyro" not in f.columns]
     assert [f.kind for f in found] == [kind]
     assert "elbow_q" in {*found[0].columns, *found[0].alternatives}
 
 
-def test_exchanged_columns_are_told(servo_arm):
+def test_exchanged_columns_are_found(servo_arm):
     model, recording = servo_arm
     wrong = _exchange(recording, ("elbow_q", "shoulder_q"), ("elbow_v", "shoulder_v"))
     (fault,) = check_telemetry(wrong, model)
@@ -97,33 +85,21 @@ def test_exchanged_columns_are_told(servo_arm):
     assert set(fault.columns) == {"elbow_q", "shoulder_q", "elbow_v", "shoulder_v"}
 
 
-def test_a_frozen_column_is_told(servo_arm):
+def test_a_clipped_column_is_found(servo_arm):
     model, recording = servo_arm
-    wrong = _edit(recording, lambda t, x: 0 * x + x[0], "elbow_q")
-    assert _told(wrong, model) == {("frozen", "elbow_q")}
-
-
-def test_a_clipped_column_is_told(servo_arm):
-    model, recording = servo_arm
-    wrong = _edit(recording, lambda t, x: np.minimum(x, 0.5), "elbow_q")
-    assert ("saturated", "elbow_q") in _told(wrong, model)
+    wrong = edit(recording, lambda t, x: np.minimum(x, 0.5), "elbow_q")
+    assert ("saturated", "elbow_q") in _find(wrong, model)
 
 
 @pytest.mark.parametrize("seconds", [0.2, 0.02])
-def test_only_a_delay_that_no_physics_has_is_told(servo_arm, seconds):
+def test_only_a_delay_that_no_physics_has_is_found(servo_arm, seconds):
     model, recording = servo_arm
-    wrong = _edit(recording, lambda t, x: np.interp(t - seconds, t, x), "elbow_q")
+    wrong = edit(recording, lambda t, x: np.interp(t - seconds, t, x), "elbow_q")
     expected = {("delay", "elbow_q")} if seconds > 0.12 else set()
-    assert {t for t in _told(wrong, model) if t[0] == "delay"} == expected
+    assert {t for t in _find(wrong, model) if t[0] == "delay"} == expected
 
 
-def test_a_gyroscope_is_told_from_the_joints(servo_arm):
-    model, recording = servo_arm
-    wrong = _edit(recording, _flip, "gyro")
-    assert _told(wrong, model) == {("sign", "gyro")}
-
-
-def test_readings_beyond_the_range_of_the_model_are_told(servo_arm):
+def test_readings_beyond_the_range_of_the_model_are_found(servo_arm):
     model, recording = servo_arm
     narrow = copy.copy(model)
     narrow.jnt_range[0] = (-0.3, 0.3)
@@ -132,7 +108,7 @@ def test_readings_beyond_the_range_of_the_model_are_told(servo_arm):
     assert not fault.is_decisive
 
 
-def test_a_gap_and_a_duplicate_are_told(servo_arm):
+def test_a_gap_and_a_duplicate_are_found(servo_arm):
     model, recording = servo_arm
     e = recording.episodes["0"]
     time = e.time.copy()
@@ -149,26 +125,26 @@ def test_jitter_is_told_where_readings_were_even(servo_arm, stamps_are_wrong):
     rng = np.random.default_rng(0)
     time = e.time + rng.uniform(-0.0049, 0.0049, e.time.size)
     real = replace(recording, episodes={"0": e})
-    real = _edit(real, lambda t, x: np.interp(time, t, np.sin(3 * t)), "elbow_q")
-    even = _edit(real, lambda t, x: np.sin(3 * t), "elbow_q")
+    real = edit(real, lambda t, x: np.interp(time, t, np.sin(3 * t)), "elbow_q")
+    even = edit(real, lambda t, x: np.sin(3 * t), "elbow_q")
     read = (even if stamps_are_wrong else real).episodes["0"].signals["elbow_q"]
     odd = replace(e, time=time, signals={"elbow_q": read})
     told = {f.kind for f in check_telemetry(replace(real, episodes={"0": odd}), model)}
     assert ("jitter" in told) == stamps_are_wrong
 
 
-def test_a_torque_that_repeats_the_command_is_told(torque_arm):
+def test_a_torque_that_repeats_the_command_is_found(torque_arm):
     model, recording = torque_arm
     e = recording.episodes["0"]
     copied = type(e.signals["elbow_q"])(e.ctrl[:, 1] * 1.0, "joint_torque", "e", "N m")
     episodes = {"0": replace(e, signals={**e.signals, "tau": copied})}
-    told = _told(replace(recording, episodes=episodes), model)
+    told = _find(replace(recording, episodes=episodes), model)
     assert ("torque_is_command", "tau") in told
 
 
 def test_decisive_faults_refuse_unless_they_are_let_pass(servo_arm):
     model, recording = servo_arm
-    faults = check_telemetry(_edit(recording, _flip, "elbow_v"), model)
+    faults = check_telemetry(edit(recording, flip, "elbow_v"), model)
     with pytest.raises(RecordingError, match='"elbow_v": sign = -1.*--no-check sign'):
         refuse_faulty("a.h5", faults)
     refuse_faulty("a.h5", faults, ["sign"])

@@ -6,6 +6,7 @@ import pytest
 
 from selfheal.recording import Episode, Recording, Signal
 from selfheal.telemetry import check_telemetry
+from tests.support.logs.edited_logs import DEGREES, RATE, drive
 
 ROBOT = """
 <mujoco>
@@ -20,7 +21,6 @@ ROBOT = """
   <actuator><position name="s" joint="j" kp="12" kv="1"/></actuator>
 </mujoco>"""
 DOWN, NONE = "0 0 -9.81", "0 0 0"
-DEGREES = 180 / np.pi
 
 
 def _make(gravity, joint=""):
@@ -32,16 +32,12 @@ def _record(model, scale):
     """What the joint does, with position and command written times `scale`."""
     rng, episodes = np.random.default_rng(1), {}
     for k in range(3):
-        data, time = mujoco.MjData(model), np.arange(600) / 100
+        time = np.arange(600) / RATE
         goal = sum(
             rng.uniform(0.3, 0.6) * np.sin(2 * np.pi * f * time + rng.uniform(0, 6))
             for f in rng.uniform(0.2, 1.5, 3)
         )
-        q = np.empty(len(time))
-        for i, u in enumerate(goal):
-            q[i], data.ctrl[0] = data.qpos[0], u
-            mujoco.mj_step(model, data, 5)
-        q += rng.normal(0, 1e-4, len(q))
+        q = drive(model, goal[:, None])[:, 0] + rng.normal(0, 1e-4, len(goal))
         read = Signal(scale * q, "joint_position", "j", "rad")
         episodes[str(k)] = Episode(time, scale * goal[:, None], ("s",), {"q": read})
     return Recording(episodes)

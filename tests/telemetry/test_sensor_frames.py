@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from selfheal.recording import Episode, Recording, Signal
 from selfheal.telemetry import check_telemetry
-from selfheal.telemetry.sensor_frames import find_turn
+from selfheal.telemetry.boards import find_turn
 
 HEAD = """<mujoco><compiler angle="radian"/><worldbody><body>
 <joint name="yaw" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>

@@ -8,6 +8,7 @@ import pytest
 
 from selfheal.recording import Episode, Recording, Signal
 from selfheal.telemetry import check_telemetry, examine_telemetry
+from tests.support.logs.edited_logs import RATE, drive
 
 LEG = """
 <mujoco>
@@ -45,15 +46,12 @@ def _compile(base="", more=""):
 def leg():
     """What a leg that hangs from a stand did."""
     model, rng = _compile(more=APART), np.random.default_rng(1)
-    data, time, rows = mujoco.MjData(model), np.arange(800) / 100, []
+    time = np.arange(800) / RATE
     goals = np.stack([0.7 * np.sin(2 * time), 0.5 * np.sin(5 * time)], axis=1)
-    for goal in goals:
-        data.ctrl[:] = goal
-        rows.append(data.qpos + rng.normal(0, 3e-4, 2))
-        mujoco.mj_step(model, data, 5)
+    rows = drive(model, goals) + rng.normal(0, 3e-4, goals.shape)
     signals = {
         name: Signal(read, "joint_position", name, "rad")
-        for name, read in zip(("hip", "knee"), np.array(rows).T, strict=True)
+        for name, read in zip(("hip", "knee"), rows.T, strict=True)
     }
     return Recording({"0": Episode(time, goals, ("h", "k"), signals)})
 

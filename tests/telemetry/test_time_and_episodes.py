@@ -10,22 +10,11 @@ from selfheal.example.make import make_example
 from selfheal.example.simulate import simulate_runs
 from selfheal.recording import Recording, read
 from selfheal.telemetry import check_telemetry
-from selfheal.telemetry.balance import Balance
+from selfheal.telemetry.residuals import Residuals
 from tests.support.logs import newcomer_robots as robots
+from tests.support.logs.edited_logs import edit, flip, to_degrees
 
 JOINTS = ("shoulder", "elbow")
-
-
-def _edit(recording, change, *names, episodes=None):
-    """The recording with `change(time, values)` of some signals of some episodes."""
-    changed = {
-        k: replace(e, signals={
-            n: replace(s, values=change(e.time, s.values)) if n in names else s
-            for n, s in e.signals.items()
-        }) if episodes is None or k in episodes else e
-        for k, e in recording.episodes.items()
-    }  # fmt: skip
-    return replace(recording, episodes=changed)
 
 
 def _delay(slope, constant):
@@ -43,7 +32,7 @@ READINGS = ("shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "gyro")
 @pytest.mark.parametrize("samples", [2, 7])
 def test_readings_that_are_repeated_are_told(servo_arm, samples):
     model, recording = servo_arm
-    held = _edit(
+    held = edit(
         recording, lambda t, x: x[np.arange(len(x)) // samples * samples], "elbow_q"
     )
     (fault,) = [f for f in check_telemetry(held, model) if f.kind == "stale"]
@@ -54,14 +43,14 @@ def test_readings_that_are_repeated_are_told(servo_arm, samples):
 @pytest.mark.parametrize("quantum", [1e-3, 0.02, 0.2])
 def test_a_coarse_encoder_repeats_nothing(servo_arm, quantum):
     model, recording = servo_arm
-    coarse = _edit(recording, lambda t, x: np.round(x / quantum) * quantum, "elbow_q")
+    coarse = edit(recording, lambda t, x: np.round(x / quantum) * quantum, "elbow_q")
     assert "stale" not in {f.kind for f in check_telemetry(coarse, model)}
 
 
 @pytest.mark.parametrize("names", [READINGS, ("shoulder_v", "elbow_v")])
 def test_a_clock_that_drifts_is_told(servo_arm, names):
     model, recording = servo_arm
-    drifting = _edit(recording, _delay(0.04, 0.0), *names)
+    drifting = edit(recording, _delay(0.04, 0.0), *names)
     (fault,) = [f for f in check_telemetry(drifting, model) if f.kind == "clock_drift"]
     assert set(fault.columns) <= set(names) and "later" in fault.seen
     stretch = float(fault.corrections[0].split("stretch = ")[1])
@@ -70,14 +59,14 @@ def test_a_clock_that_drifts_is_told(servo_arm, names):
 
 def test_a_delay_that_stays_is_no_drift(servo_arm):
     model, recording = servo_arm
-    late = _edit(recording, _delay(0.0, 0.1), *READINGS)
+    late = edit(recording, _delay(0.0, 0.1), *READINGS)
     assert "clock_drift" not in {f.kind for f in check_telemetry(late, model)}
 
 
 @pytest.mark.parametrize("factor", [-1.0, 180 / np.pi])
 def test_a_column_that_is_wrong_in_one_episode_is_told_of_it(servo_arm, factor):
     model, recording = servo_arm
-    odd = _edit(recording, lambda t, x: factor * x, "elbow_q", "elbow_v", episodes="1")
+    odd = edit(recording, lambda t, x: factor * x, "elbow_q", "elbow_v", episodes="1")
     faults = check_telemetry(odd, model)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", ("1",))}
     assert not any(f.is_decisive for f in faults)
@@ -85,7 +74,7 @@ def test_a_column_that_is_wrong_in_one_episode_is_told_of_it(servo_arm, factor):
 
 def test_a_column_that_is_wrong_in_all_episodes_makes_none_odd(servo_arm):
     model, recording = servo_arm
-    wrong = _edit(recording, lambda t, x: -x, "elbow_q", "elbow_v")
+    wrong = edit(recording, flip, "elbow_q", "elbow_v")
     assert {f.kind for f in check_telemetry(wrong, model)} == {"sign"}
 
 
@@ -93,14 +82,9 @@ def test_a_unit_that_is_wrong_everywhere_makes_no_episode_odd(tmp_path):
     """Though torques, of angles 57 times as large, balance in none."""
     example = make_example("pendulum", tmp_path)
     recording = read(example.recording)
-    wrong = _edit(recording, lambda t, x: np.rad2deg(x), "hinge_position")
-    episodes = {
-        k: replace(e, ctrl=np.rad2deg(e.ctrl)) for k, e in wrong.episodes.items()
-    }
-    faults = check_telemetry(
-        replace(wrong, episodes=episodes),
-        mujoco.MjModel.from_xml_path(str(example.model)),
-    )
+    wrong = edit(recording, to_degrees, "hinge_position", ctrl=np.rad2deg(1.0))
+    model = mujoco.MjModel.from_xml_path(str(example.model))
+    faults = check_telemetry(wrong, model)
     assert {f.kind for f in faults} == {"unit"}
     assert {f.episodes for f in faults} == {tuple(recording.episodes)}
 
@@ -116,7 +100,7 @@ def test_an_episode_with_another_zero_is_told(arm_with_a_load):
     model, recording = arm_with_a_load
     usual = {k: e for k, e in recording.episodes.items() if k != "2"}
     recording = replace(recording, episodes=usual)
-    odd = _edit(recording, lambda t, x: x + 0.6, "elbow_q", episodes="4")
+    odd = edit(recording, lambda t, x: x + 0.6, "elbow_q", episodes="4")
     (fault,) = check_telemetry(odd, model)
     assert (fault.kind, fault.episodes) == ("odd_episode", ("4",))
     assert check_telemetry(recording, model) == []
@@ -141,8 +125,10 @@ def test_a_late_command_makes_an_episode_of_steps_no_odd_one():
 def test_blocks_at_rest_do_not_hide_what_a_mend_explains():
     moving, rest = np.full((12, 1), 0.5), np.full((18, 1), 1e-6)
     share, left = np.array([0.2]), np.array([1e-3])
-    given = Balance(share, share, np.concatenate([moving, rest]), np.ones(1))
-    mended = Balance(left, left, np.concatenate([moving / 500, 2 * rest]), np.ones(1))
-    gain, p = mended.gain_over(given)
+    given, explained = (
+        Residuals(each, each, np.concatenate(blocks), each, np.ones(1))
+        for each, blocks in ((share, (moving, rest)), (left, (moving / 500, 2 * rest)))
+    )
+    gain, p = explained.gain_over(given)
     assert gain > 2 and p < 1e-3
-    assert given.gain_over(mended)[1] > 0.9
+    assert given.gain_over(explained)[1] > 0.9

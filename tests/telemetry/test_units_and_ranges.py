@@ -3,22 +3,18 @@
 import copy
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
 from selfheal.recording import Signal
 from selfheal.telemetry import check_telemetry
+from selfheal.telemetry.checks.ranges import soften
+from tests.support.logs.edited_logs import edit
 
 
 def _scale(recording, factor, offset, *names):
-    episodes = {
-        k: replace(e, signals={
-            n: replace(s, values=factor * s.values + offset) if n in names else s
-            for n, s in e.signals.items()
-        })
-        for k, e in recording.episodes.items()
-    }  # fmt: skip
-    return replace(recording, episodes=episodes)
+    return edit(recording, lambda t, x: factor * x + offset, *names)
 
 
 def _limit(model, joint, low, high):
@@ -123,13 +119,8 @@ def test_simulations_tell_the_sign_of_a_wheel(rover):
 
 def test_simulations_tell_the_order_of_a_quaternion_on_the_ground(rover):
     model, recording = rover
-    episodes = {
-        k: replace(e, signals={**e.signals, "turn": replace(
-            e.signals["turn"], values=np.roll(e.signals["turn"].values, -1, axis=1)
-        )})
-        for k, e in recording.episodes.items()
-    }  # fmt: skip
-    (fault,) = check_telemetry(replace(recording, episodes=episodes), model)
+    rolled = edit(recording, lambda t, x: np.roll(x, -1, axis=1), "turn")
+    (fault,) = check_telemetry(rolled, model)
     assert (fault.kind, fault.columns) == ("quaternion_order", ("turn",))
 
 
@@ -144,3 +135,21 @@ def test_a_joint_that_jams_while_recorded_is_in_no_other_unit(
     jammed = replace(recording, episodes={**recording.episodes, **bent.episodes})
     found = {f.kind for f in check_telemetry(jammed, model) if f.is_decisive}
     assert found == kinds
+
+
+KNEE = """<mujoco><worldbody>
+  <body><joint name="knee" axis="0 1 0" range="-1 1" limited="true"/>
+    <geom size="0.1"/><site name="foot"/></body></worldbody>
+  <tendon><fixed name="rope"><joint joint="knee" coef="1"/></fixed></tendon>
+  <actuator><motor joint="knee" forcerange="-9 9"/>{}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize("place", ['tendon="rope"', 'site="foot"', 'body="world"'])
+def test_only_actuators_at_a_joint_push_it_into_its_limit(place):
+    kind = "adhesion" if "body" in place else "general"
+    limits = 'forcerange="-99 99" ctrlrange="0 1"'
+    alone, beside = (
+        soften(mujoco.MjModel.from_xml_string(KNEE.format(more)), 0)
+        for more in ("", f"<{kind} {place} {limits}/>")
+    )
+    assert 0 < alone == beside

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from selfheal.telemetry.disagreements import Comparison, find_disagreements
+from selfheal.telemetry.comparisons import Comparison, find_disagreements
 from selfheal.telemetry.series import Series
 
 ROWS = 600  # of an episode
@@ -16,9 +16,10 @@ def _find(slopes, noise):
     rng = np.random.default_rng(2)
     read = slopes["read"] + noise * rng.normal(size=len(slopes))
     pair = Comparison(
-        {"j": slopes["true"]}, {"j": read}, (-3, 3), 20, 1.0, frozenset(["j"])
-    )
-    return [(d.kind, d.episodes) for d in find_disagreements(pair, series)]
+        "velocity", series, {"j": slopes["true"]}, {"j": read}, range(-3, 4), 20, 1.0,
+        frozenset(["j"]),
+    )  # fmt: skip
+    return [(d.kind, d.episodes) for d in find_disagreements(pair)]
 
 
 def _sines(sizes, other=()):

@@ -10,8 +10,8 @@ import pytest
 from selfheal.logs.log_map import ColumnRule, LogMap
 from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.map_corrections import correct_rules
+from tests.support.logs.edited_logs import DEGREES, edit, flip
 
-DEGREES = 180 / np.pi
 MAP = LogMap([
     ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
     ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
@@ -19,17 +19,8 @@ MAP = LogMap([
 ])  # fmt: skip
 
 
-def _edit(recording, change, ctrl=1.0):
-    return replace(recording, episodes={
-        k: replace(e, ctrl=e.ctrl * ctrl, signals={
-            n: replace(s, values=change(s)) for n, s in e.signals.items()
-        })
-        for k, e in recording.episodes.items()
-    })  # fmt: skip
-
-
-def _scale_joints(factor):
-    return lambda s: s.values * (factor if s.kind.startswith("joint") else 1)
+POSITIONS = ("shoulder_q", "elbow_q")
+COLUMNS = (*POSITIONS, "shoulder_v", "elbow_v")
 
 
 @pytest.fixture
@@ -51,7 +42,7 @@ def limited(servo_arm):
 )  # fmt: skip
 def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
     model, recording = limited
-    wrong = _edit(recording, _scale_joints(read), sent)
+    wrong = edit(recording, lambda t, x: read * x, *COLUMNS, ctrl=sent)
     (fault,) = check_telemetry(wrong, model)
     assert (fault.kind, set(fault.columns)) == ("unit", columns)
     rules = correct_rules(MAP, [fault], wrong)
@@ -71,15 +62,11 @@ def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
     def share(values, span, middle):
         return np.deg2rad(np.clip((values - middle) * 200 / span, -100, 100))
 
-    def write(s):
-        if not s.kind.startswith("joint"):
-            return s.values
-        span, middle = factors[s.target]
-        if s.kind == "joint_velocity":
-            return np.deg2rad(s.values * 200 / span)
-        return share(s.values, span, middle)
-
-    wrong = _edit(recording, write)
+    wrong = recording
+    for name, (span, middle) in factors.items():
+        wrong = edit(wrong, lambda t, x, s=span, m=middle: share(x, s, m), f"{name}_q")
+        speed = np.deg2rad(200 / span)
+        wrong = edit(wrong, lambda t, x, factor=speed: factor * x, f"{name}_v")
     wrong = replace(wrong, episodes={
         k: replace(e, ctrl=share(recording.episodes[k].ctrl, np.array(spans),
                                  np.array(middles)))
@@ -95,11 +82,9 @@ def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
 
 def test_rows_of_zeros_are_told_and_mended_by_the_map(servo_arm):
     model, recording = servo_arm
-    wrong = _edit(recording, lambda s: s.values.copy())
-    rows = np.arange(500) % 6 == 2
-    for e in wrong.episodes.values():
-        for s in e.signals.values():
-            s.values[rows] = 0 if s.kind == "joint_position" else np.nan
+    rows, others = np.arange(500) % 6 == 2, ("shoulder_v", "elbow_v", "gyro")
+    wrong = edit(recording, lambda t, x: np.where(rows, 0, x), *POSITIONS)
+    wrong = edit(wrong, lambda t, x: np.where(rows, np.nan, x.T).T, *others)
     (fault,) = check_telemetry(wrong, model)
     assert fault.kind == "zeros" and fault.is_decisive and "249 of 1500" in fault.seen
     ((rule,),) = correct_rules(MAP, [fault], wrong).values()
@@ -108,16 +93,14 @@ def test_rows_of_zeros_are_told_and_mended_by_the_map(servo_arm):
 
 def test_a_joint_that_passes_zero_has_no_rows_of_zeros(servo_arm):
     model, recording = servo_arm
-    coarse = _edit(recording, lambda s: np.round(s.values / 0.02) * 0.02
-                   if s.kind == "joint_position" else s.values)  # fmt: skip
+    coarse = edit(recording, lambda t, x: np.round(x / 0.02) * 0.02, *POSITIONS)
     assert "zeros" not in {f.kind for f in check_telemetry(coarse, model)}
 
 
 @pytest.mark.parametrize("aborted", ["0", "1", "2"])
 def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted):
     model, recording = servo_arm
-    wrong = _edit(recording, lambda s: s.values.copy())
-    e = wrong.episodes[aborted]
+    e = recording.episodes[aborted]
     e = replace(e, time=e.time[:250], ctrl=e.ctrl[:250], signals={
         n: replace(s, values=s.values[:250].copy()) for n, s in e.signals.items()
     })  # fmt: skip
@@ -125,7 +108,7 @@ def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted)
     for s in e.signals.values():
         still = s.values[80] if s.kind == "joint_position" else 0 * s.values[80]
         s.values[80:] = still + rng.normal(0, 3e-4, s.values[80:].shape)
-    wrong = replace(wrong, episodes={**wrong.episodes, aborted: e})
+    wrong = replace(recording, episodes={**recording.episodes, aborted: e})
     faults = check_telemetry(wrong, model)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", (aborted,))}
 
@@ -154,7 +137,7 @@ def test_an_episode_in_whose_end_no_motor_acts_is_told(torque_arm):
 
 def test_a_correction_parts_a_rule_where_one_column_differs(servo_arm):
     model, recording = servo_arm
-    turned = _edit(recording, lambda s: -s.values if s.target == "elbow" else s.values)
+    turned = edit(recording, flip, "elbow_q", "elbow_v")
     (fault,) = [f for f in check_telemetry(turned, model) if f.kind == "sign"]
     rules = correct_rules(MAP, [fault], turned)
     assert set(rules) <= {1, 2}

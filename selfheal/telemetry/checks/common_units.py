@@ -1,40 +1,40 @@
 """One unit of all joints: takes a recording, finds readings or commands in another.
 
-Software writes all joints of a robot in one unit. So what many columns tell together
+Software writes all joints of a robot in one unit. So what many columns show together
 is tested first, before the sign or the unit of one.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ...logs.motion import compare_command, find_step, measure_share_inside
-from ...recording import Recording
 from ...recording.data import Floats
-from ..fault import ColumnCorrection, Fault, correct_factor, format_columns
-from ..joints import JointColumns, goes_along
-from ..ranges import TOLERANCE, TOLERANCE_SHARE, TURN
+from ..context import Context
+from ..fault import COUNTED, ColumnCorrection, Fault, correct_factor, format_columns
+from ..joints import JointColumns, shares_unit
+from .ranges import TOLERANCE, TOLERANCE_SHARE, TURN
 
 # units of the contract: what is written instead, and times how much
 OTHERS = {"rad": ("degrees", 180 / np.pi), "m": ("thousandths", 1e3)}
 MIN_JOINTS, MOST = 2, 0.75  # joints of a group, and share of them that agree; chosen
-FOLLOWS = 0.7  # correlation of a position with its command, that tells a ratio; chosen
+FOLLOWS = 0.7  # correlation of a position with its command, that shows a ratio; chosen
 GAIN = 3.0  # that a servo may be weak by; chosen: as of the check of one joint
 # share of values within the joints' ranges, in a unit that is right and in a wrong one
 INSIDE, OUTSIDE = 0.9, 0.6
 FAR = 2 * TURN  # [rad or m] that no joint reaches; chosen
 FULL, WHOLE = 100.0, 100.5  # a whole share of a range [%], and with rounding
-BASES = {
-    "unit": "counted, not estimated",
-    "share": "one half for each joint that ends within 100 degrees by chance, times "
-    "the F test of the steps of encoders in degrees and in shares",
-}
+SHARE_BASIS = (
+    "one half for each joint that ends within 100 degrees by chance, times the F test "
+    "of the steps of encoders in degrees and in shares"
+)
 Change = tuple[float, float]  # value = factor * value + offset
 
 
 @dataclass(frozen=True)
-class Columns:
+class _Columns:
     """What is read and commanded of joints of one unit.
 
     Attributes:
@@ -84,42 +84,28 @@ class Columns:
         return usual if agree.mean() >= MOST else None
 
 
-def find_common_unit(
-    recording: Recording, joints: Sequence[JointColumns]
-) -> tuple[list[Fault], Recording]:
-    """Columns of all joints that are in another unit, and the recording in the right.
+def find(context: Context) -> Iterator[Fault]:
+    """Columns of all joints that are in another unit.
 
-    Args:
-        recording: of the robot.
-        joints: with their columns.
+    The recording of the context is then in the right one.
     """
-    faults = list[Fault]()
     for unit, (name, factor) in OTHERS.items():
-        columns = _gather(recording, joints, unit)
+        columns = _gather(context, unit)
         if len(columns.joints) < MIN_JOINTS:
             continue
         divisors, seen = _find_divisors(columns, factor)
         if divisors:
-            fault, recording = _mend_factor(recording, columns, divisors, name, seen)
-            faults.append(fault)
-            columns = _gather(recording, joints, unit)
+            yield _correct_factor(context, columns, divisors, name, seen)
+            columns = _gather(context, unit)
         if unit == "rad" and (found := _find_shares(columns)):
-            fault, recording = _mend_shares(recording, columns, *found)
-            faults.append(fault)
-    return faults, recording
+            yield _correct_shares(context, columns, *found)
 
 
-def _gather(recording: Recording, joints: Sequence[JointColumns], unit: str) -> Columns:
-    """The columns of joints whose positions have a unit of the contract.
-
-    Args:
-        recording: of the robot.
-        joints: with their columns.
-        unit: of their positions.
-    """
-    episodes = recording.episodes.values()
+def _gather(context: Context, unit: str) -> _Columns:
+    """The columns of joints whose positions have a unit of the contract."""
+    episodes = context.recording.episodes.values()
     every = {n for e in episodes for n, s in e.signals.items() if s.unit == unit}
-    chosen = [j for j in joints if j.position in every]
+    chosen = [j for j in context.joints.values() if j.position in every]
 
     def read(name: str) -> Floats:
         parts = [
@@ -133,7 +119,7 @@ def _gather(recording: Recording, joints: Sequence[JointColumns], unit: str) -> 
     for e in episodes:
         time.append(e.time - e.time[0] + end)
         end = float(time[-1][-1]) + 1.0
-    return Columns(
+    return _Columns(
         chosen,
         {j.name: read(j.position) for j in chosen},
         {
@@ -145,12 +131,10 @@ def _gather(recording: Recording, joints: Sequence[JointColumns], unit: str) -> 
     )  # fmt: skip
 
 
-def _find_divisors(columns: Columns, factor: float) -> tuple[dict[str, float], str]:
+def _find_divisors(columns: _Columns, factor: float) -> tuple[dict[str, float], str]:
     """By what "read" and "command" are to be divided, and what was seen.
 
-    Args:
-        columns: of joints.
-        factor: by which another unit is larger.
+    Another unit is larger by a factor.
     """
     ratio, read, command = columns.measure_ratio(), columns.read, columns.command
     if ratio is None and command:
@@ -174,44 +158,56 @@ def _find_divisors(columns: Columns, factor: float) -> tuple[dict[str, float], s
     return found, ", ".join([*seen, f"so of all {len(columns.joints)} joints"])
 
 
-def _mend_factor(
-    recording: Recording, columns: Columns, divisors: Mapping[str, float], name: str,
+def _correct_factor(
+    context: Context, columns: _Columns, divisors: Mapping[str, float], name: str,
     seen: str,
-) -> tuple[Fault, Recording]:  # fmt: skip
-    """The fault of a factor, and the recording without it.
-
-    Args:
-        recording: of the robot.
-        columns: of joints.
-        divisors: of "read" and "command".
-        name: of the other unit.
-        seen: what was.
-    """
+) -> Fault:  # fmt: skip
+    """The fault of a factor, by what was seen; the recording is then without it."""
     by = next(iter(divisors.values()))
     signals, commands = list[str](), list[str]()
     for j in columns.joints:
         if "read" in divisors:
             signals.append(j.position)
-            signals += [j.velocity] * (bool(j.velocity) and goes_along(recording, j))
+            signals += [j.velocity] * shares_unit(context.recording, j)
         if "command" in divisors and j.servo:
             commands.append(j.servo.command)
-    corrections = [correct_factor(n, 1 / by) for n in signals]
-    corrections += [correct_factor(n, 1 / by, is_command=True) for n in commands]
     unit = name if by > 1 else f"divided by that of {name}"
-    fault = Fault(
-        "unit", tuple(recording.episodes), (*signals, *commands),
-        columns.joints[0].name,
-        f"{_format(signals + commands)}: the unit is {unit} ({seen})",
-        0.0, BASES["unit"], tuple(corrections),
-    )  # fmt: skip
     change = 1 / by, 0.0
-    return fault, _apply(
-        recording, dict.fromkeys(signals, change), dict.fromkeys(commands, change)
-    )
+    return _correct(
+        context, columns, dict.fromkeys(signals, change),
+        dict.fromkeys(commands, change), partial(correct_factor, factor=1 / by),
+        f"{unit} ({seen})",
+    )  # fmt: skip
 
 
-def _find_shares(columns: Columns) -> tuple[str, float] | None:
-    """What tells that hinges are in shares of their ranges, read as degrees; its p.
+def _correct(
+    context: Context, columns: _Columns, signals: Mapping[str, Change],
+    commands: Mapping[str, Change], correct: Callable[..., ColumnCorrection],
+    said: str, p_value: float = 0.0, basis: str = COUNTED,
+) -> Fault:  # fmt: skip
+    """The fault of the unit of some columns; the recording is then without it."""
+    episodes, names = {}, [*signals, *commands]
+    for key, e in context.recording.episodes.items():
+        ctrl, changed = e.ctrl.copy(), dict(e.signals)
+        for name, (factor, offset) in commands.items():
+            column = e.ctrl_names.index(name)
+            ctrl[:, column] = factor * ctrl[:, column] + offset
+        for name, (factor, offset) in signals.items():
+            if name in changed:
+                values = factor * changed[name].values + offset
+                changed[name] = replace(changed[name], values=values)
+        episodes[key] = replace(e, ctrl=ctrl, signals=changed)
+    context.recording = replace(context.recording, episodes=episodes)
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return Fault(
+        "unit", context.episodes, tuple(names), columns.joints[0].name,
+        f"{format_columns(names[:3])}{more}: the unit is {said}", p_value, basis,
+        (*map(correct, signals), *(correct(n, is_command=True) for n in commands)),
+    )  # fmt: skip
+
+
+def _find_shares(columns: _Columns) -> tuple[str, float] | None:
+    """What shows that hinges are in shares of their ranges, read as degrees; its p.
 
     LeRobot writes joints from -100 to 100. No joint then passes 100 degrees, joints of
     less pass their ranges, and encoders that are alike take unequal steps.
@@ -224,7 +220,7 @@ def _find_shares(columns: Columns) -> tuple[str, float] | None:
         return None
     beyond = [
         j.name for j in limited
-        if j.range and measure_beyond(read[j.name], j.range) > _get_slack(j.range)
+        if j.range and _measure_beyond(read[j.name], j.range) > _get_slack(j.range)
     ]  # fmt: skip
     found = {j.span: step for j in limited
              if (step := find_step(np.rad2deg(read[j.name])))}  # fmt: skip
@@ -244,7 +240,7 @@ def _find_shares(columns: Columns) -> tuple[str, float] | None:
     return " and ".join(said), p
 
 
-def measure_beyond(values: Floats, limits: tuple[float, float]) -> float:
+def _measure_beyond(values: Floats, limits: tuple[float, float]) -> float:
     """How far values go beyond limits [their unit]."""
     low, high = limits
     return float(max(np.nanmax(values - high), np.nanmax(low - values)))
@@ -258,17 +254,10 @@ def _is_gripper(joint: JointColumns) -> bool:
     return any(word in joint.name.lower() for word in ("gripper", "jaw", "finger"))
 
 
-def _mend_shares(
-    recording: Recording, columns: Columns, said: str, p_value: float
-) -> tuple[Fault, Recording]:
-    """The fault of shares of ranges, and the recording in radians.
-
-    Args:
-        recording: of the robot.
-        columns: of joints.
-        said: what tells it.
-        p_value: of that.
-    """
+def _correct_shares(
+    context: Context, columns: _Columns, said: str, p_value: float
+) -> Fault:
+    """The fault of shares of ranges, by what shows it; the recording is then right."""
     signals, commands = dict[str, Change](), dict[str, Change]()
     for j in columns.joints:
         if not j.range or _is_gripper(j):
@@ -276,47 +265,14 @@ def _mend_shares(
         factor = np.rad2deg(j.span / (2 * FULL))
         middle = sum(j.range) / 2
         signals[j.position] = factor, middle
-        if j.velocity and goes_along(recording, j):
+        if shares_unit(context.recording, j):
             signals[j.velocity] = factor, 0.0
         if j.servo:
             commands[j.servo.command] = factor, middle / j.servo.scale
     ends = {"from_range": [-FULL, FULL]}
-    corrections = [ColumnCorrection(n, ends) for n in signals]
-    corrections += [ColumnCorrection(n, ends, is_command=True) for n in commands]
-    every = [*signals, *commands]
-    fault = Fault(
-        "unit", tuple(recording.episodes), tuple(every), columns.joints[0].name,
-        f"{_format(every)}: the unit is a share of each joint's range, from -100 to "
-        f"100, as LeRobot writes it: no joint passes 100 degrees, {said}",
-        p_value, BASES["share"], tuple(corrections),
+    return _correct(
+        context, columns, signals, commands, partial(ColumnCorrection, changes=ends),
+        "a share of each joint's range, from -100 to 100, as LeRobot writes it: no "
+        f"joint passes 100 degrees, {said}",
+        p_value, SHARE_BASIS,
     )  # fmt: skip
-    return fault, _apply(recording, signals, commands)
-
-
-def _format(names: Sequence[str]) -> str:
-    more = len(names) - 3
-    return format_columns(names[:3]) + (f" and {more} more" if more > 0 else "")
-
-
-def _apply(
-    recording: Recording, signals: Mapping[str, Change], commands: Mapping[str, Change]
-) -> Recording:
-    """A recording with columns that are changed.
-
-    Args:
-        recording: of the robot.
-        signals: how each is changed, by name.
-        commands: likewise, by their actuator.
-    """
-    episodes = {}
-    for key, e in recording.episodes.items():
-        ctrl, changed = e.ctrl.copy(), dict(e.signals)
-        for name, (factor, offset) in commands.items():
-            column = e.ctrl_names.index(name)
-            ctrl[:, column] = factor * ctrl[:, column] + offset
-        for name, (factor, offset) in signals.items():
-            if name in changed:
-                values = factor * changed[name].values + offset
-                changed[name] = replace(changed[name], values=values)
-        episodes[key] = replace(e, ctrl=ctrl, signals=changed)
-    return replace(recording, episodes=episodes)

@@ -1,13 +1,13 @@
 """Held values: takes raw columns, finds those that are frozen or clipped."""
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...recording import Recording
 from ...recording.data import Floats
+from ..context import READ, Context
 from ..fault import SKIP, ColumnCorrection, Fault, format_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
@@ -18,64 +18,42 @@ ALONE_REPEATS = 0.4  # of the one column of its kind, while its command moves; c
 # share of a column's samples at its extreme value, and of runs there, to be clipped;
 # chosen: an eighth of a percent and three
 CLIPPED_SHARE, CLIPPED_RUNS = 0.02, 2
-CHECKED = ("joint_position", "joint_velocity", "body_position", "body_orientation",
-           "body_linear_velocity", "body_angular_velocity", "sensor")  # fmt: skip
 BASIS = (
     "the probability that so many readings repeat, where a reading repeats as often "
     "as elsewhere in this column or in its like"
 )
-
-
 # quantile of a column's steps that a jump after a freeze exceeds by this factor, and
 # quanta by which a clipped value is reached; chosen: a motion does not start like that
 JUMP_QUANTILE, JUMP = 0.98, 3.0
 ENTRY_QUANTA = 4.0
 # episode, time [s] or value [unit], seconds or samples, log of the p-value
 Case = tuple[str, float, float, float]
-# episode, signal, times and readings (n)
-Column = tuple[str, str, Floats, Floats]
 
 
-@dataclass(frozen=True)
-class Run:
-    """Samples that hold one value.
-
-    Attributes:
-        start, length: in samples that were read.
-        value: [unit].
-    """
+class _Run(NamedTuple):
+    """Samples that hold one value, in samples that were read."""
 
     start: int
     length: int
     value: float
 
 
-def list_runs(values: Floats) -> list[Run]:
-    """Every unbroken run of one value in a column (T) without missing samples."""
-    if not values.size:
-        return []
-    ends = np.flatnonzero(np.diff(values) != 0) + 1
-    starts = np.concatenate([[0], ends])
-    lengths = np.diff(np.concatenate([starts, [values.size]]))
-    return [
-        Run(int(s), int(n), float(values[s]))
-        for s, n in zip(starts, lengths, strict=True)
-    ]
+def _list_runs(values: Floats) -> list[_Run]:
+    """Every unbroken run of one value in a column (n), which has some."""
+    starts = np.flatnonzero(np.diff(values, prepend=np.nan) != 0)
+    lengths = np.diff(starts, append=values.size)
+    rows = zip(starts.tolist(), lengths.tolist(), values[starts].tolist(), strict=True)
+    return [_Run(*row) for row in rows]
 
 
-def find_held(
-    recording: Recording, commands: Mapping[str, Sequence[str]]
-) -> list[Fault]:
-    """Signals that are frozen, or clipped at a value, in any episode.
-
-    Args:
-        recording: of the robot.
-        commands: that move what a signal reads, by signal.
-    """
-    share = _measure_repeats(recording)
+def find(context: Context) -> Iterator[Fault]:
+    """Signals that are frozen, or clipped at a value, in any episode."""
+    recording = context.recording
+    commands = {n: j.commands for j in context.joints.values() for n in j.columns}
+    share = _measure_repeats(context)
     frozen: dict[tuple[str, bool], list[Case]] = {}
     clipped: dict[str, list[Case]] = {}
-    for episode, signal, time, values in _list_columns(recording):
+    for episode, signal, time, values in _list_live(context):
         if _is_idle(recording, episode, commands.get(signal, ())):
             continue
         alone = share[signal] is None
@@ -84,27 +62,51 @@ def find_held(
         repeats = max(share[signal] or ALONE_REPEATS, 1e-3)
         if repeats > LIVE_SHARE:
             continue
-        runs = list_runs(values)
+        runs = _list_runs(values)
         longest = max(runs, key=lambda r: r.length)
         if case := _judge_clipped(episode, values, runs, repeats):
             clipped.setdefault(signal, []).append(case)
         elif case := _judge_frozen(episode, time, values, longest, repeats):
             whole = longest.length == values.size
             frozen.setdefault((signal, whole), []).append(case)
-    return [*_tell_frozen(recording, frozen), *_tell_clipped(recording, clipped)]
+    for (name, whole), cases in frozen.items():
+        episode, start, seconds, _ = min(cases, key=lambda c: c[3])
+        held = (
+            f"all readings of {format_columns([name])} are the same"
+            if whole
+            else f"{format_columns([name])} holds one value for {seconds:.2f} s from "
+            f"{start:.2f} s on in episode {episode!r}"
+        )
+        said = f"{held} while the other columns change"
+        yield _make_fault(recording, "frozen", name, cases, said)
+    for name, cases in clipped.items():
+        episode, value, *_ = min(cases, key=lambda c: c[3])
+        unit = recording.episodes[episode].signals[name].unit
+        said = (
+            f"{format_columns([name])} is clipped at {value:.4g} {unit} in episode "
+            f"{episode!r}: it reaches that value again and again, and never passes it"
+        )
+        yield _make_fault(recording, "saturated", name, cases, said)
+
+
+def _make_fault(
+    recording: Recording, kind: str, name: str, cases: Sequence[Case], said: str
+) -> Fault:
+    """The fault of one signal in some episodes."""
+    signal = recording.episodes[cases[0][0]].signals[name]
+    log_p = min(case[3] for case in cases)
+    return Fault(
+        kind, tuple(case[0] for case in cases), (name,), signal.target, said,
+        float(np.exp(max(log_p, -600))), BASIS, (ColumnCorrection(name, {SKIP: True}),),
+    )  # fmt: skip
 
 
 def _judge_frozen(
-    episode: str, time: Floats, values: Floats, run: Run, repeats: float
+    episode: str, time: Floats, values: Floats, run: _Run, repeats: float
 ) -> Case | None:
     """The longest run of one value, where it is no rest of what is measured.
 
-    Args:
-        episode: id.
-        time: (T) [s].
-        values: (T) of a column.
-        run: the longest.
-        repeats: probability that a reading repeats.
+    `repeats` is the probability that a reading of the column (T) repeats.
     """
     last = run.start + run.length - 1
     seconds = float(time[last] - time[run.start])
@@ -125,15 +127,11 @@ def _judge_frozen(
 
 
 def _judge_clipped(
-    episode: str, values: Floats, runs: Sequence[Run], repeats: float
+    episode: str, values: Floats, runs: Sequence[_Run], repeats: float
 ) -> Case | None:
     """Runs at the highest or lowest value, where it was reached at speed.
 
-    Args:
-        episode: id.
-        values: (T) of a column.
-        runs: of it.
-        repeats: probability that a reading repeats.
+    `repeats` is the probability that a reading of the column (T) repeats.
     """
     steps = np.abs(np.diff(values))
     quantum = float(np.min(steps[steps > 0], initial=np.inf))
@@ -159,52 +157,27 @@ def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> boo
     return bool(moved) and not any(moved)
 
 
-def _list_columns(recording: Recording) -> Iterator[Column]:
-    """Columns that change most often."""
-    return list_columns(
-        recording, CHECKED, MIN_HELD_SAMPLES,
+def _list_live(context: Context) -> Iterator[tuple[str, str, Floats, Floats]]:
+    """The column of each signal and episode that changes most often."""
+    return context.list_columns(
+        READ, MIN_HELD_SAMPLES,
         lambda values: (np.diff(values, axis=0) != 0).sum(axis=0),
     )  # fmt: skip
 
 
-def list_columns(
-    recording: Recording,
-    kinds: Collection[str],
-    least: int,
-    measure: Callable[[Floats], Floats],
-) -> Iterator[Column]:
-    """The liveliest column of each signal in each episode.
-
-    Args:
-        recording: of the robot.
-        kinds: of the signals.
-        least: samples that are read.
-        measure: how lively (d) columns (n, d) are.
-    """
-    for episode, e in recording.episodes.items():
-        for name, signal in e.signals.items():
-            values = signal.values.reshape(e.time.size, -1)
-            read = np.isfinite(values).all(axis=1)
-            if signal.kind not in kinds or read.sum() < least:
-                continue
-            column = int(np.argmax(measure(values[read])))
-            yield episode, name, e.time[read], values[read, column]
-
-
-def _measure_repeats(recording: Recording) -> dict[str, float | None]:
+def _measure_repeats(context: Context) -> dict[str, float | None]:
     """How often a reading of a live column is that of the sample before, by signal.
 
     Of a column that never changes it is that of the other signals of its kind, and
     None where there is no other.
     """
-    counts: dict[str, NDArray[np.float64]] = {}
+    counts: dict[str, Floats] = {}
     kinds: dict[str, str] = {}
-    for episode, name, _, values in _list_columns(recording):
-        kinds[name] = recording.episodes[episode].signals[name].kind
+    for episode, name, _, values in _list_live(context):
+        kinds[name] = context.recording.episodes[episode].signals[name].kind
         same = np.diff(values) == 0
         # the longest run is what is asked about, and does not answer for itself
-        runs = list_runs(values)
-        longest = max(r.length for r in runs) - 1
+        longest = max(r.length for r in _list_runs(values)) - 1
         add = np.array([max(same.sum() - longest, 0), same.size - longest], float)
         counts[name] = counts.get(name, np.zeros(2)) + add
     out: dict[str, float | None] = {}
@@ -216,35 +189,3 @@ def _measure_repeats(recording: Recording) -> dict[str, float | None]:
         both = np.sum(like, axis=0) if like else np.zeros(2)
         out[name] = (both[0] + 1) / (both[1] + 2) if both[1] else None
     return out
-
-
-def _tell_frozen(recording: Recording, frozen: dict) -> Iterator[Fault]:
-    for (name, whole), cases in frozen.items():
-        episode, start, seconds, log_p = min(cases, key=lambda c: c[3])
-        signal = recording.episodes[episode].signals[name]
-        others = "while the other columns change"
-        said = (
-            f"all readings of {format_columns([name])} are the same {others}"
-            if whole
-            else f"{format_columns([name])} holds one value for {seconds:.2f} s from "
-            f"{start:.2f} s on in episode {episode!r} {others}"
-        )
-        yield Fault(
-            "frozen", tuple(c[0] for c in cases), (name,), signal.target, said,
-            float(np.exp(max(log_p, -600))), BASIS,
-            (ColumnCorrection(name, {SKIP: True}),),
-        )  # fmt: skip
-
-
-def _tell_clipped(recording: Recording, clipped: dict) -> Iterator[Fault]:
-    for name, cases in clipped.items():
-        episode, value, _, log_p = min(cases, key=lambda c: c[3])
-        signal = recording.episodes[episode].signals[name]
-        yield Fault(
-            "saturated", tuple(c[0] for c in cases), (name,), signal.target,
-            f"{format_columns([name])} is clipped at {value:.4g} {signal.unit} in "
-            f"episode {episode!r}: it reaches that value again and again, and never "
-            "passes it",
-            float(np.exp(max(log_p, -600))), BASIS,
-            (ColumnCorrection(name, {SKIP: True}),),
-        )  # fmt: skip

@@ -1,51 +1,45 @@
 """Rows of zeros: takes a recording, finds those that no sensor of it has read."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ...logs.motion import find_zero_rows
-from ...recording import Episode, Recording
+from ...recording import Episode
+from ..context import Context
 from ..fault import ColumnCorrection, Fault, format_columns
 
 MEASURED = ("joint_position", "body_position")  # in which zeros are looked for
 SILENT = 0.5  # share of such rows in which other columns are 0 or not read; chosen
-BASIS = "counted, not estimated"
 
 
-def find_zeros(recording: Recording) -> tuple[list[Fault], Recording]:
+def find(context: Context) -> Iterator[Fault]:
     """Rows in which all positions are 0 at once, between others that are not.
 
-    Args:
-        recording: of the robot.
-
-    Returns:
-        Faults, and the recording without these readings.
+    The recording of the context is then without these readings.
     """
-    seen, episodes = dict[str, tuple[int, int]](), dict[str, Episode]()
+    seen, episodes = dict[str, tuple[int, int]](), {**context.recording.episodes}
     columns = dict[str, None]()
-    for key, episode in recording.episodes.items():
+    for key, episode in context.recording.episodes.items():
         rows, names = _find_in_episode(episode)
-        episodes[key] = episode
         if names:
-            first = episode.signals[names[0]].values
-            read = int(np.isfinite(first).reshape(len(rows), -1).all(axis=1).sum())
+            first = _stack(episode, names[:1])
+            read = int(np.isfinite(first).all(axis=1).sum())
             seen[key] = int(rows.sum()), read
             columns |= dict.fromkeys(names)
             episodes[key] = _leave_out(episode, rows, names)
     if not seen:
-        return [], recording
+        return
+    context.recording = replace(context.recording, episodes=episodes)
     zeros, read = (sum(counts) for counts in zip(*seen.values(), strict=True))
-    fault = Fault(
+    yield Fault(
         "zeros", tuple(seen), tuple(columns), "",
         f"in {zeros} of {read} rows {format_columns(list(columns)[:3])}"
         f"{' and others' * (len(columns) > 3)} are 0 at once, and go there and back "
         "as no motion does: rows of a second publisher, or of a bus that was lost",
-        0.0, BASIS, tuple(ColumnCorrection(n, {"missing": 0.0})
-                          for n in columns),
+        corrections=tuple(ColumnCorrection(n, {"missing": 0.0}) for n in columns),
     )  # fmt: skip
-    return [fault], replace(recording, episodes=episodes)
 
 
 def _find_in_episode(episode: Episode) -> tuple[np.ndarray, list[str]]:

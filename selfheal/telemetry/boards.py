@@ -5,14 +5,13 @@ The rotation that is nearest between two sets of vectors is Wahba's problem (Wah
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from ..recording.data import Floats
 from .fault import Fault, ModelCorrection, format_columns
-from .pairs import DEPENDENT_ROWS, MIN_ROWS
+from .relations import DEPENDENT_ROWS, MIN_ROWS, f_test
 from .series import Series
 
 if TYPE_CHECKING:
@@ -32,27 +31,20 @@ BASIS = (
 )
 
 
-@dataclass(frozen=True)
-class Turn:
+class Turn(NamedTuple):
     """How a board is turned against the site that the model has for it.
 
     Attributes:
         rotation: of scipy, from the site's frame to the board's: read = R predicted.
-        degrees: of it.
-        axis: (3) about which the board is turned, in the site's frame.
         rows: that were compared.
-        given, left: mean square of the errors without and with it, over that of the
-            vectors [1].
-        is_square: whether it is one of the 24 that map axes to axes.
+        given: mean square of the errors without it, over that of the vectors [1].
+        left: likewise with it.
     """
 
     rotation: Any
-    degrees: float
-    axis: Floats
     rows: int
     given: float
     left: float
-    is_square: bool
 
 
 def find_turned(
@@ -78,37 +70,22 @@ def find_turned(
     found = []
     for site, names in boards.items():
         turn = find_turn([(expected[n], series.signals[n][:, :, 0]) for n in names])
-        if turn is not None:
-            found.append(_tell(model, series, site, names, turn))
-            expected |= {n: turn.rotation.apply(expected[n]) for n in names}
+        if turn is None:
+            continue
+        expected |= {n: turn.rotation.apply(expected[n]) for n in names}
+        vector = turn.rotation.inv().as_rotvec(degrees=True)
+        degrees = float(np.linalg.norm(vector))
+        axis = " ".join(f"{x:.3g}" for x in np.round(vector / degrees, 3) + 0.0)
+        found.append(Fault(
+            "sensor_frame", series.episodes, tuple(names), model.site(site).name,
+            f"{format_columns(names)}: the board is turned by {degrees:.3g} "
+            f"degrees about ({axis}) of the model's site {model.site(site).name!r}: so "
+            f"turned they miss what the positions give by {100 * turn.left:.2g} % of "
+            f"its mean square, as the model has it by {100 * turn.given:.2g} %",
+            f_test(turn.given, turn.left, turn.rows / DEPENDENT_ROWS), BASIS,
+            (ModelCorrection(_format_site(model, site, turn)),),
+        ))  # fmt: skip
     return found
-
-
-def _tell(
-    model: "mujoco.MjModel", series: Series, site: int, names: Sequence[str], turn: Turn
-) -> Fault:
-    """The fault of a board that is turned.
-
-    Args:
-        model: of the robot.
-        series: of the recording.
-        site: its number in the model.
-        names: of its signals.
-        turn: of the board.
-    """
-    from scipy.stats import f
-
-    count, name = turn.rows / DEPENDENT_ROWS, model.site(site).name
-    axis = " ".join(f"{x:.3g}" for x in np.round(turn.axis, 3) + 0.0)
-    return Fault(
-        "sensor_frame", series.episodes, tuple(names), name,
-        f"{format_columns(names)}: the board is turned by {turn.degrees:.3g} degrees "
-        f"about ({axis}) of the model's site {name!r}: so turned they miss what the "
-        f"positions give by {100 * turn.left:.2g} % of its mean square, as the model "
-        f"has it by {100 * turn.given:.2g} %",
-        float(f.sf(turn.given / max(turn.left, 1e-12), count, count)), BASIS,
-        (ModelCorrection(format_site(model, site, turn)),),
-    )  # fmt: skip
 
 
 def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
@@ -151,9 +128,7 @@ def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
     degrees = float(np.rad2deg(chosen.magnitude()))
     if degrees < MIN_DEGREES or left > min(MAX_LEFT, FAR_BETTER * given):
         return None
-    axis = chosen.inv().as_rotvec() / np.deg2rad(degrees)
-    rows = max(len(a) for a, _ in known)
-    return Turn(chosen, degrees, axis, rows, given, left, is_square)
+    return Turn(chosen, max(len(a) for a, _ in known), given, left)
 
 
 def _normalize(predicted: Floats, read: Floats) -> tuple[Floats, Floats]:
@@ -170,14 +145,8 @@ def _measure_error(rotation: Any, predicted: Floats, read: Floats) -> float:
     return float(np.mean(((rotation.apply(predicted) - read) ** 2).sum(axis=1)))
 
 
-def format_site(model: "mujoco.MjModel", site: int, turn: Turn) -> str:
-    """MJCF of a site that is turned as its board is.
-
-    Args:
-        model: of the robot.
-        site: its number.
-        turn: of the board.
-    """
+def _format_site(model: "mujoco.MjModel", site: int, turn: Turn) -> str:
+    """MJCF of a site that is turned as its board is."""
     from scipy.spatial.transform import Rotation
 
     given = Rotation.from_quat(model.site_quat[site], scalar_first=True)

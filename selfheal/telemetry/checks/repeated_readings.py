@@ -5,14 +5,14 @@ direction it moves fast: there a step of nothing is no likelier than one of a qu
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ...recording import Recording
 from ...recording.data import Floats
+from ..context import READ, Context
 from ..fault import Fault, format_columns
-from .columns import CHECKED, list_columns
 
 MIN_JUMPS = 12  # between which readings repeat; chosen: half a second of motion
 JUMP = 5.0  # quanta of a step that is a jump; chosen: quantization steps by one or two
@@ -30,14 +30,10 @@ BASIS = (
 )
 
 
-@dataclass(frozen=True)
-class Hold:
-    """How a column of an episode repeats its readings.
+class _Hold(NamedTuple):
+    """How a column of an episode repeats its readings: for how long each lasts.
 
-    Attributes:
-        samples: that one reading lasts.
-        seconds: the same [s].
-        nothing, other: steps between jumps that are nothing, and that are not.
+    Between jumps, so many steps are nothing, and others are not.
     """
 
     samples: int
@@ -46,35 +42,26 @@ class Hold:
     other: int
 
 
-def find_stale(recording: Recording, goals: Mapping[str, str]) -> list[Fault]:
-    """Signals that hold each reading for several samples, while others go on.
-
-    Args:
-        recording: of the robot.
-        goals: names of the commands of servos, by signal that reads their joint.
-    """
-    held: dict[str, list[tuple[str, Hold]]] = {}
-    count = 0
-    for episode, name, time, values in list_columns(
-        recording,
-        (*CHECKED, "joint_torque"),
-        MIN_JUMPS,
+def find(context: Context) -> Iterator[Fault]:
+    """Signals that hold each reading for several samples, while others go on."""
+    goals = {n: j.servo.command for j in context.joints.values() if j.servo
+             for n in j.columns}  # fmt: skip
+    columns = context.list_columns(
+        (*READ, "joint_torque"), MIN_JUMPS,
         lambda values: np.std(values, axis=0),
-    ):
+    )  # fmt: skip
+    held: dict[str, list[tuple[str, _Hold]]] = {}
+    count = 0
+    for episode, name, time, values in columns:
         count += 1
-        hold = measure_hold(time, values)
-        if hold and not _follows(recording, episode, goals.get(name), hold):
+        hold = _measure_hold(time, values)
+        if hold and not _follows(context.recording, episode, goals.get(name), hold):
             held.setdefault(name, []).append((episode, hold))
-    return list(_tell(recording, held, count))
+    yield from _report(context.recording, held, count)
 
 
-def measure_hold(time: Floats, values: Floats) -> Hold | None:
-    """How a column (T) holds its readings; None where it does not.
-
-    Args:
-        time: (T) [s].
-        values: (T) [unit], all known.
-    """
+def _measure_hold(time: Floats, values: Floats) -> _Hold | None:
+    """How a column (T), all of it known, holds its readings; None: it does not."""
     steps = np.diff(values)
     moving = np.abs(steps[steps != 0])
     if moving.size < MIN_JUMPS:
@@ -102,10 +89,10 @@ def measure_hold(time: Floats, values: Floats) -> Hold | None:
         return None
     nothing = int((holds - 1).sum())
     other = int((lengths - 1).sum()) - nothing
-    return Hold(samples, samples * usual, nothing, other)
+    return _Hold(samples, samples * usual, nothing, other)
 
 
-def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -> bool:
+def _follows(recording: Recording, episode: str, goal: str | None, hold: _Hold) -> bool:
     """Whether a column is held as long as its servo's goal: then it may just follow."""
     if goal is None:
         return False
@@ -115,16 +102,10 @@ def _follows(recording: Recording, episode: str, goal: str | None, hold: Hold) -
     return usual > 1 and abs(usual - hold.samples) <= 1
 
 
-def _tell(
-    recording: Recording, held: Mapping[str, Sequence[tuple[str, Hold]]], count: int
+def _report(
+    recording: Recording, held: Mapping[str, Sequence[tuple[str, _Hold]]], count: int
 ) -> Iterator[Fault]:
-    """A fault of all columns that are held alike.
-
-    Args:
-        recording: of the robot.
-        held: episodes and holds of each signal.
-        count: of the columns that were looked at.
-    """
+    """Faults of the signals that are held alike, of so many columns."""
     from scipy.stats import binom
 
     alike: dict[int, list[str]] = {}

@@ -1,15 +1,17 @@
 """Ranges: takes readings and commands, finds those beyond what the model states."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..recording import Recording, find_joint, list_controls
-from .fault import Correction, Fault, ModelCorrection, correct_factor, format_columns
-from .joints import JointColumns, goes_along
-from .pairs import SHARES, UNITS, list_units
-from .search import correct_share
+from ...recording import find_joint, list_controls
+from ...recording.data import Floats
+from ..context import Context
+from ..fault import Correction, Fault, ModelCorrection, correct_factor, format_columns
+from ..hypotheses import correct_share
+from ..joints import JointColumns, shares_unit
+from ..relations import SHARES, UNITS, list_units
 
 if TYPE_CHECKING:
     import mujoco
@@ -19,29 +21,25 @@ if TYPE_CHECKING:
 TOLERANCE, TOLERANCE_SHARE = {"rad": 0.03, "m": 0.003}, 0.02
 BEYOND_SECONDS = 0.05  # in all; chosen: no spike
 COMMAND_TOLERANCE = 0.01  # of the range; chosen: rounding
-BASIS = "counted, not estimated"
 # ranges of a joint, and turns of a hinge [rad], that readings span in another unit, and
 # quantile that is no spike; chosen: a range in the wrong unit is within a turn
 RANGES, TURN, INNER = 10.0, 2 * np.pi, 0.99
 SHARE_SLACK = 0.05  # of a range, by which a share of it may be beyond; chosen
 
 
-def find_beyond(
-    recording: Recording,
-    model: "mujoco.MjModel",
-    joints: Sequence[JointColumns],
-) -> list[Fault]:
+def find(context: Context) -> Iterator[Fault]:
     """Readings beyond a joint's range, and commands beyond an actuator's.
 
-    Args:
-        recording: of the robot.
-        model: of it.
-        joints: with their columns.
+    A column that has another fault is not reported again.
     """
-    found = [_check_joint(recording, model, j) for j in joints if j.position]
-    names = [control.full_name for control in list_controls(model)]
-    found += [_check_command(recording, model, c, n) for c, n in enumerate(names)]
-    return [fault for fault in found if fault is not None]
+    faulty = {c for f in context.faults if f.kind != "delay" for c in f.columns}
+    controls = range(context.model.nu)
+    for fault in (
+        *(_check_joint(context, j) for j in context.joints.values() if j.position),
+        *(_check_command(context, c) for c in controls),
+    ):
+        if fault is not None and not faulty & {*fault.columns}:
+            yield fault
 
 
 def soften(model: "mujoco.MjModel", joint: int) -> float:
@@ -66,62 +64,62 @@ def soften(model: "mujoco.MjModel", joint: int) -> float:
     return float(min(push * (1 - d) / (d * stiffness), 0.1))
 
 
-def _check_joint(
-    recording: Recording, model: "mujoco.MjModel", joint: JointColumns
-) -> Fault | None:
-    if not model.jnt_limited[joint.number]:
+def _measure_beyond(
+    columns: Mapping[str, tuple[Floats, Floats]], low: float, high: float
+) -> tuple[tuple[str, ...], float, float, float]:
+    """Where times and values (T) of some episodes leave a range.
+
+    Gives the ids of these episodes, for how long it is in all [s], and the lowest and
+    the highest value there.
+    """
+    ids, seconds, lowest, highest = list[str](), 0.0, np.inf, -np.inf
+    for name, (time, x) in columns.items():
+        beyond = (x < low) | (x > high)
+        if beyond.any() and x.size > 1:
+            ids.append(name)
+            seconds += float(beyond.sum()) * float(np.median(np.diff(time)))
+            lowest, highest = min(lowest, np.nanmin(x)), max(highest, np.nanmax(x))
+    return tuple(ids), seconds, lowest, highest
+
+
+def _check_joint(context: Context, joint: JointColumns) -> Fault | None:
+    if not joint.range:
         return None
-    low, high = model.jnt_range[joint.number]
-    first = next(
-        e.signals[joint.position] for e in recording.episodes.values()
-        if joint.position in e.signals
-    )  # fmt: skip
-    unit = "m" if first.unit == "m" else "rad"
+    model, (low, high), unit = context.model, joint.range, _get_unit(context, joint)
+    if fault := _check_unit(context, joint, unit):
+        return fault
     slack = max(TOLERANCE[unit], TOLERANCE_SHARE * (high - low))
     slack += float(model.jnt_margin[joint.number]) + soften(model, joint.number)
-    if fault := _check_unit(recording, joint, unit):
-        return fault
-    seconds, ids, lowest, highest = 0.0, [], np.inf, -np.inf
-    for name, e in recording.episodes.items():
-        if joint.position not in e.signals or e.time.size < 2:
-            continue
-        x = e.signals[joint.position].values.reshape(e.time.size)
-        beyond = (x < low - slack) | (x > high + slack)
-        step = float(np.median(np.diff(e.time)))
-        if beyond.any():
-            ids.append(name)
-            seconds += float(beyond.sum()) * step
-            lowest, highest = min(lowest, np.nanmin(x)), max(highest, np.nanmax(x))
+    columns = {
+        k: (e.time, e.signals[joint.position].values.reshape(e.time.size))
+        for k, e in context.recording.episodes.items() if joint.position in e.signals
+    }  # fmt: skip
+    ids, seconds, lowest, highest = _measure_beyond(columns, low - slack, high + slack)
     if seconds < BEYOND_SECONDS:
         return None
-    at = min(low, lowest) if lowest < low - slack else low
-    to = max(high, highest) if highest > high + slack else high
-    reached = f"{lowest:.4g}" if lowest < low - slack else f"{highest:.4g}"
+    at = lowest if lowest < low - slack else low
+    to = highest if highest > high + slack else high
+    reached = lowest if lowest < low - slack else highest
     return Fault(
-        "joint_range", tuple(ids), (joint.position,), joint.name,
-        f"{format_columns([joint.position])} reaches {reached} {unit}, beyond the "
+        "joint_range", ids, (joint.position,), joint.name,
+        f"{format_columns([joint.position])} reaches {reached:.4g} {unit}, beyond the "
         f"model's range of {low:.4g} to {high:.4g} {unit}, for {seconds:.2f} s: the "
         "model's range is what is wrong, or the zero or unit of the column",
-        0.0, BASIS,
-        (ModelCorrection(f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/>',
-                         unit),),
+        corrections=(ModelCorrection(
+            f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/>', unit),),
     )  # fmt: skip
 
 
-def _check_unit(recording: Recording, joint: JointColumns, unit: str) -> Fault | None:
-    """A unit, where readings span so many ranges that no range could be that wrong.
+def _get_unit(context: Context, joint: JointColumns) -> str:
+    """The unit of the contract that a joint's position has."""
+    first = next(e.signals[joint.position] for e in context.recording.episodes.values()
+                 if joint.position in e.signals)  # fmt: skip
+    return "m" if first.unit == "m" else "rad"
 
-    Args:
-        recording: of the robot.
-        joint: with a range.
-        unit: of the contract.
-    """
-    having = {
-        k: e for k, e in recording.episodes.items() if joint.position in e.signals
-    }
-    x = np.concatenate(
-        [e.signals[joint.position].values.ravel() for e in having.values()]
-    )
+
+def _check_unit(context: Context, joint: JointColumns, unit: str) -> Fault | None:
+    """A unit, where readings span so many ranges that no range could be that wrong."""
+    x = context.read(joint.position)
     x = x[np.isfinite(x)]
     low, high = np.quantile(x, [1 - INNER, INNER]) if x.size else (0.0, 0.0)
     if high - low < max(RANGES * joint.span, TURN if unit == "rad" else 0.0):
@@ -132,15 +130,17 @@ def _check_unit(recording: Recording, joint: JointColumns, unit: str) -> Fault |
     said = " or ".join(fitting) or other
     bottom, top = joint.range or (0.0, 0.0)
     columns, corrections = [joint.position], [_correct_unit(joint, fitting)]
-    if fitting and joint.velocity and goes_along(recording, joint):
+    if fitting and shares_unit(context.recording, joint):
         columns.append(joint.velocity)
         factor = list_units(joint.span)[fitting[0]]
         corrections.append(correct_factor(joint.velocity, 1 / factor))
+    having = [k for k, e in context.recording.episodes.items()
+              if joint.position in e.signals]  # fmt: skip
     return Fault(
         "unit", tuple(having), tuple(columns), joint.name,
         f"{format_columns(columns)}: the unit is {said} (from {low:.4g} to {high:.4g}, "
         f"where the model's range is {bottom:.4g} to {top:.4g} {unit})",
-        0.0, BASIS, tuple(corrections),
+        corrections=tuple(corrections),
     )  # fmt: skip
 
 
@@ -180,28 +180,22 @@ def _correct_unit(joint: JointColumns, fitting: Sequence[str]) -> Correction:
     )
 
 
-def _check_command(
-    recording: Recording, model: "mujoco.MjModel", control: int, name: str
-) -> Fault | None:
+def _check_command(context: Context, control: int) -> Fault | None:
+    model, episodes = context.model, context.recording.episodes
     if not model.actuator_ctrllimited[control]:
         return None
     low, high = model.actuator_ctrlrange[control]
     slack = COMMAND_TOLERANCE * (high - low)
-    ids, lowest, highest, seconds = [], np.inf, -np.inf, 0.0
-    for episode, e in recording.episodes.items():
-        x = e.ctrl[:, e.ctrl_names.index(name)]
-        beyond = (x < low - slack) | (x > high + slack)
-        if beyond.any() and e.time.size > 1:
-            ids.append(episode)
-            seconds += float(beyond.sum() * np.median(np.diff(e.time)))
-            lowest, highest = min(lowest, x.min()), max(highest, x.max())
+    columns = {k: (e.time, e.ctrl[:, control]) for k, e in episodes.items()}
+    ids, seconds, lowest, highest = _measure_beyond(columns, low - slack, high + slack)
     if not ids:
         return None
+    name = list_controls(model)[control].full_name
     return Fault(
-        "command_range", tuple(ids), (name,), name,
+        "command_range", ids, (name,), name,
         f"the command of {format_columns([name])} goes from {lowest:.4g} to "
         f"{highest:.4g}, beyond the model's {low:.4g} to {high:.4g}, for "
         f"{seconds:.2f} s: MuJoCo clips it",
-        0.0, BASIS,
-        (f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}',),
+        corrections=(
+            f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}',),
     )  # fmt: skip

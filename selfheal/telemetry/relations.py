@@ -1,6 +1,9 @@
-"""Two columns that should tell the same: takes them, says how they are related."""
+"""Two columns that should be alike: takes them, says how they are related."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +12,10 @@ from ..recording.data import Floats
 
 MIN_ROWS = 40  # of a comparison; chosen: 0.4 s of motion, some periods of its noise
 DEPENDENT_ROWS = 10.0  # from one independent row to the next; chosen: a tenth of a s
-# squared correlation above which two columns tell the same, and below which they do
+# squared correlation above which two columns are alike, and below which they do
 # not; chosen: what is left between is not judged
 SAME, DIFFERENT = 0.8, 0.4
-# share of the unexplained that a mended column may leave; chosen: half the error
+# share of the unexplained that a corrected column may leave; chosen: half the error
 FAR_BETTER = 0.25
 # ratio of two columns beyond which one has another unit; chosen: diagnose grants a
 # gain of 0.3 to 3
@@ -33,6 +36,9 @@ UNITS = {
 # writes grippers in percent, Robotiq and others as a byte
 SHARES = {"percent of the range": 100.0, "bytes, 0 to 255 over the range": 255.0}
 UNIT_TOLERANCE = 0.2  # of a ratio to one of `UNITS`; chosen: gains are that far off
+
+
+Name = TypeVar("Name", str, int)
 
 
 @dataclass(frozen=True)
@@ -62,12 +68,12 @@ class Relation:
 
     @property
     def is_same(self) -> bool:
-        """Whether the columns tell the same, but for sign and unit."""
+        """Whether the columns are alike, but for sign and unit."""
         return self.is_known and self.r**2 > SAME
 
     @property
     def is_different(self) -> bool:
-        """Whether the columns tell different things."""
+        """Whether the columns are different things."""
         return self.is_known and self.r**2 < DIFFERENT
 
     @property
@@ -96,7 +102,7 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     unknown = Relation(rows, 0, np.nan, np.nan, 0.0, np.nan)
     if rows < MIN_ROWS:
         return unknown
-    x, y = _center(x, episode), _center(y, episode)
+    x, y = center(x, episode), center(y, episode)
     found, nothing = {}, 1e-9
     for lag in lags:
         if len(x) - abs(lag) < MIN_ROWS:
@@ -121,6 +127,23 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     return Relation(rows, lag, r, found.get(0, np.nan), opposite, ratio)
 
 
+def find_exchanges(
+    names: Sequence[Name], relate_two: Callable[[Name, Name], Relation]
+) -> tuple[dict[Name, Relation], list[tuple[Name, Name, Relation]]]:
+    """How each column follows what it should be, and pairs that follow each other's.
+
+    `relate_two` says how the column of its second argument follows what that of the
+    first should be; of a pair, its relation in this order is given.
+    """
+    own = {name: relate_two(name, name) for name in names}
+    lost, found = [n for n, r in own.items() if r.is_different], []
+    for one, other in combinations(lost, 2):
+        across = relate_two(one, other), relate_two(other, one)
+        if all(r.is_same and r.r > 0 for r in across):
+            found.append((one, other, across[0]))
+    return own, found
+
+
 def measure_spread(x: Floats) -> float:
     """Standard deviation of what is known of a column (N) [unit]; 0 of nothing."""
     known = x[np.isfinite(x)]
@@ -132,7 +155,7 @@ def _same_episode(episode: NDArray[np.int_], lag: int) -> NDArray[np.bool_]:
     return np.ones(len(episode), bool) if not n else episode[n:] == episode[:-n]
 
 
-def _center(x: Floats, episode: NDArray[np.int_]) -> Floats:
+def center(x: Floats, episode: NDArray[np.int_]) -> Floats:
     """Values (N) without the mean of each episode."""
     known = np.isfinite(x)
     count = np.bincount(episode[known], minlength=episode.max(initial=0) + 1)
@@ -143,9 +166,7 @@ def _center(x: Floats, episode: NDArray[np.int_]) -> Floats:
 def name_unit(ratio: float, span: float = 0.0) -> str:
     """What a column is in, by its ratio to what it should be; "" where unknown.
 
-    Args:
-        ratio: what was written over what the contract asks [1].
-        span: of the joint's range, of which it may be a share; 0 where it has none.
+    It may be a share of a joint's range of that span; 0 where it has none.
     """
     size, units = abs(ratio), list_units(span)
     near = min(units, key=lambda n: abs(np.log(size / units[n])))
@@ -153,11 +174,7 @@ def name_unit(ratio: float, span: float = 0.0) -> str:
 
 
 def list_units(span: float = 0.0) -> dict[str, float]:
-    """Ratios by the names of units.
-
-    Args:
-        span: of the joint's range, of which a column may be a share; 0 for none.
-    """
+    """Ratios by the names of units, shares of a joint's range of that span too."""
     shares = {n: full / span for n, full in SHARES.items()} if span > 0 else {}
     return {**UNITS, **shares}
 
@@ -175,3 +192,16 @@ def correlation_p_value(r: float, rows: int, independent: float) -> float:
     n = rows / independent
     z = np.arctanh(min(abs(r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
     return float(2 * norm.sf(z))
+
+
+def f_test(given: float, left: float, count: float) -> float:
+    """Probability of such mean squares before and after by chance, by an F test.
+
+    Args:
+        given: mean square before.
+        left: mean square after.
+        count: independent rows of both.
+    """
+    from scipy.stats import f
+
+    return float(f.sf(given / max(left, 1e-12), count, count))

@@ -1,11 +1,11 @@
 """Faults of time: takes an episode's time stamps, finds gaps, bursts and jitter."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ...recording import Recording
 from ...recording.data import Episode, Floats
+from ..context import Context
 from ..fault import Fault
 
 MIN_SAMPLES = 30  # of an episode; chosen
@@ -17,35 +17,29 @@ DUPLICATE_STEPS, DUPLICATE_SHARE = 0.02, 0.002
 # standard deviation of the times from sample to sample, in sampling times, beyond
 # which stamps are doubted; chosen: more than uniform jitter of 35 % to each side
 JITTER = 0.4
-BASIS = "counted, not estimated"
 
 
-def find_time_faults(recording: Recording) -> list[Fault]:
+def find(context: Context) -> Iterator[Fault]:
     """Gaps, duplicates and jitter of the time stamps."""
-    found: dict[str, list[tuple[str, float, str]]] = {}
-    for name, episode in recording.episodes.items():
-        if episode.time.size < MIN_SAMPLES:
-            continue
-        for kind, (size, said) in _look_at(episode).items():
-            found.setdefault(kind, []).append((name, size, said))
-    faults = []
+    found: dict[str, list[tuple[float, str, str]]] = {}
+    for name, episode in context.recording.episodes.items():
+        if episode.time.size >= MIN_SAMPLES:
+            for kind, (size, said) in _examine(episode).items():
+                found.setdefault(kind, []).append((size, name, said))
     for kind, cases in found.items():
-        worst = max(cases, key=lambda c: c[1])
+        _, worst, said = max(cases, key=lambda c: c[0])
         correction = {
-            "gap": f"split the episode {worst[0]!r} at the gap",
+            "gap": f"split the episode {worst!r} at the gap",
             "duplicate": "leave out the rows that repeat a time",
             "jitter": "[time] rate = HZ in the map, if the rows were taken evenly",
         }[kind]
-        faults.append(
-            Fault(
-                kind, tuple(c[0] for c in cases), (), "",
-                f"episode {worst[0]!r}: {worst[2]}", 0.0, BASIS, (correction,),
-            )
+        yield Fault(
+            kind, tuple(name for _, name, _ in cases), (), "",
+            f"episode {worst!r}: {said}", corrections=(correction,),
         )  # fmt: skip
-    return faults
 
 
-def _look_at(episode: Episode) -> Mapping[str, tuple[float, str]]:
+def _examine(episode: Episode) -> Mapping[str, tuple[float, str]]:
     """By kind: how bad it is, and a sentence."""
     steps = np.diff(episode.time)
     usual = float(np.median(steps))

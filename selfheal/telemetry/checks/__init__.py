@@ -1,0 +1,1 @@
+"""One module a check: `find(context)` gives the faults that it finds."""

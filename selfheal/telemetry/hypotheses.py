@@ -1,0 +1,196 @@
+"""What else a log could mean: takes joints, tries hypotheses, gives the one that holds.
+
+A hypothesis is tried in what explains the motion: the balance of torques, or
+simulations where there is none.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from .fault import ColumnCorrection, correct_factor, format_columns
+from .joints import JointColumns
+from .relations import SHARES, list_units, name_unit
+from .residuals import Explainer
+from .states import ColumnMap
+
+MAX_P_VALUE = 1e-3  # of a hypothesis, times the number of those that were tried
+SCREENED = 4  # rows of which one is evaluated first; chosen: a quarter of the time
+CLEARLY = 0.5  # nats by which hypotheses are distinguished; chosen
+MIN_GAIN = 1.5  # nats by which one must explain more; chosen: concealed physics
+# gains nothing by a wrong sign
+DEGREE = float(np.pi / 180)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One thing that could be wrong with the columns about a joint or two.
+
+    Attributes:
+        kind: of the fault.
+        column_map: how the columns would be read instead.
+        columns: signals, and actuators whose command changes.
+        target: joint or actuator.
+        corrections: of the log's map.
+        text: what is wrong, as the end of a sentence.
+    """
+
+    kind: str
+    column_map: ColumnMap
+    columns: tuple[str, ...]
+    target: str
+    corrections: tuple[ColumnCorrection, ...]
+    text: str
+
+
+class Finding(NamedTuple):
+    """A hypothesis that explains the motion far better.
+
+    The shares [1] are the largest unexplained without it and the mean with it, the gain
+    is in nats, the p-value times the number of hypotheses that were tried.
+    """
+
+    best: Hypothesis
+    given: float
+    left: float
+    gain: float
+    p_value: float
+
+
+def find_best(
+    explainer: Explainer, column_map: ColumnMap, options: Sequence[Hypothesis],
+    limits: tuple[float, float],
+) -> tuple[Finding, tuple[Hypothesis, ...]] | None:  # fmt: skip
+    """The hypothesis that explains the motion far better, and those as good.
+
+    Args:
+        explainer: of the motion.
+        column_map: of what was found already.
+        options: the hypotheses.
+        limits: shares that the log as it is must leave, and a hypothesis may leave.
+    """
+    min_left, max_left = limits
+    base = explainer.evaluate(column_map)
+    if base.worst < min_left:
+        return None
+    coarse, good = explainer.evaluate(column_map, SCREENED), []
+    for option in options:
+        both = column_map | option.column_map
+        if explainer.evaluate(both, SCREENED).gain_over(coarse)[0] < MIN_GAIN / 2:
+            continue
+        after = explainer.evaluate(both)
+        gain, p = after.gain_over(base)
+        p = min(1.0, p * len(options))
+        given = float(base.select_changed(after).max(initial=0.0))
+        # as the gain is in nats
+        left = float(np.exp(np.log(after.select_changed(base)).mean()))
+        if gain >= MIN_GAIN and p < MAX_P_VALUE:
+            good.append(Finding(option, given, left, gain, p))
+    if not good:
+        return None
+    first, *rest = sorted(good, key=lambda g: -g.gain)
+    if not (first.given > min_left and first.left < max_left):
+        return None  # and what explains less is wrong, too
+    return first, tuple(g.best for g in rest if first.gain - g.gain < CLEARLY)
+
+
+def list_hypotheses(
+    joints: Mapping[str, JointColumns], names: Sequence[str]
+) -> Iterator[Hypothesis]:
+    """All signs, units and exchanges of the columns of named joints."""
+    degrees = 1 / DEGREE
+    for name in names:
+        joint = joints[name]
+        read = list_read(joint)
+        yield suppose(joints, "sign", (name,), read)
+        yield suppose(joints, "unit", (name,), read, degrees)
+        if joint.commands:
+            parts = (*read, "command") if joint.servo else ("command",)
+            yield suppose(joints, "sign", (name,), parts)
+            if joint.servo:
+                yield suppose(joints, "unit", (name,), parts, degrees)
+    for pair in combinations(names, 2):
+        yield suppose(joints, "exchange", pair, list_read(joints[pair[0]]))
+        if all(joints[name].commands for name in pair):
+            yield suppose(joints, "exchange", pair, ("command",))
+
+
+def list_read(joint: JointColumns) -> tuple[str, ...]:
+    """Which of "position" and "velocity" are read of a joint."""
+    return ("position", "velocity") if joint.velocity else ("position",)
+
+
+def suppose(
+    joints: Mapping[str, JointColumns], kind: str, pair: tuple[str, ...],
+    parts: tuple[str, ...], ratio: float = 1.0,
+) -> Hypothesis:  # fmt: skip
+    """A hypothesis: a kind of fault in some of the columns about a joint.
+
+    Args:
+        joints: by name.
+        kind: "sign", "unit" or "exchange".
+        pair: names of the joint, and of the other one of an exchange.
+        parts: of "position", "velocity", "command": what is read otherwise.
+        ratio: what was written over what is right, for a unit.
+    """
+    factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
+    span = joints[pair[0]].span
+    unit = name_unit(ratio, span) if kind == "unit" else ""
+    if unit:
+        factor = 1 / list_units(span)[unit]
+
+    def correct(
+        name: str, joint: JointColumns, target: str, is_command: bool
+    ) -> ColumnCorrection:
+        if kind == "exchange":
+            return ColumnCorrection(name, {"targets": [target]}, is_command)
+        if unit in SHARES:
+            return correct_share(name, joint, unit, is_command=is_command)
+        return correct_factor(name, factor, is_command=is_command)
+
+    positions, commands, signals, acting, corrections = {}, {}, [], [], []
+    for to, source in zip(pair, pair[::-1], strict=True):
+        one, other = joints[to], joints[source]
+
+        if "position" in parts:
+            positions[to] = (source, factor)
+        for part in ("position", "velocity"):
+            name = getattr(other, part)
+            if part in parts and name:
+                signals.append(name)
+                corrections.append(correct(name, one, one.name, False))
+        if "command" in parts:
+            for a, b in zip(one.commands, other.commands, strict=False):
+                commands[a] = (b, factor)
+                acting.append(b)
+                corrections.append(correct(b, one, a, True))
+    columns = (*signals, *acting)
+    listed = format_columns(columns)
+    text = {
+        "sign": f"{listed}: the sign is the other one",
+        "unit": f"{listed}: the unit is {unit or 'another one'}",
+        "exchange": f"{listed} are exchanged",
+    }[kind]
+    return Hypothesis(
+        kind, ColumnMap(positions, commands), columns, pair[0],
+        tuple(corrections), text,
+    )  # fmt: skip
+
+
+def correct_share(
+    name: str, joint: JointColumns, unit: str, *, is_command: bool = False
+) -> ColumnCorrection:
+    """How a column is read that is a share of its joint's range.
+
+    Args:
+        name: of the signal or the actuator.
+        joint: that has a range.
+        unit: a name of `SHARES`.
+        is_command: whether it is an actuator's.
+    """
+    low, high = joint.range or (0.0, 1.0)
+    ends = {"from_range": [0.0, SHARES[unit]], "to_range": [low, high]}
+    return ColumnCorrection(name, ends, is_command)

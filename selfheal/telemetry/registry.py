@@ -1,0 +1,61 @@
+"""The checks of a log: what each is called, which faults it finds, when it is asked."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Check:
+    """A check: the function `find` of a module in `checks`.
+
+    Attributes:
+        name: of the module.
+        kinds: of faults that it finds, by name: whether physics is meaningless then.
+    """
+
+    name: str
+    kinds: Mapping[str, bool]
+
+    def find(self, context: Any) -> list[Any]:
+        """The faults of a `Context`, as `Fault`; what is known of it may change."""
+        module = import_module(f"{__package__}.checks.{self.name}")
+        return list(module.find(context))
+
+
+COLUMNS = {"sign": True, "unit": True, "exchange": True}
+# of single columns; the first two give the other checks a corrected recording
+READINGS = (
+    Check("zero_rows", {"zeros": True}),
+    Check("common_units", {"unit": True}),
+    Check("time_stamps", {"gap": False, "duplicate": False, "jitter": False}),
+    Check("held_values", {"frozen": True, "saturated": False}),
+    Check("repeated_readings", {"stale": False}),
+)
+# of the model: where one finds that physics is meaningless, no forces are looked at
+SETUP = (
+    Check("clock_drift", {"clock_drift": False}),
+    Check("model_setup",
+          {"free_base": True, "actuator_type": True, "permanent_contact": False}),
+)  # fmt: skip
+# of single episodes; the first that finds one decides
+EPISODES = (
+    Check("episode_columns", {"odd_episode": False}),
+    Check("episode_torques", {"odd_episode": False}),
+)
+# of columns by kinematics, torques and simulations; each knows what those before found
+MOTION = (
+    Check("joint_columns", {**COLUMNS, "delay": False, "derivative": True}),
+    Check("joint_torques", COLUMNS),
+    Check("quaternion_orders", {"quaternion_order": True}),
+    Check("joint_rollouts", COLUMNS),
+    Check("bodies", {**COLUMNS, "sensor_frame": True}),
+    Check("reported_torques", {**COLUMNS, "torque_is_command": False}),
+    Check("ranges", {"joint_range": False, "command_range": False, "unit": True}),
+    Check("missing_actuators", {"no_actuator": True}),
+)
+CHECKS = (*READINGS, *SETUP, *EPISODES, *MOTION)
+KINDS: Mapping[str, bool] = {
+    kind: meaningless for check in CHECKS for kind, meaningless in check.kinds.items()
+}

@@ -1,0 +1,59 @@
+"""Recordings with a fault: motions of a model, and columns that are changed."""
+
+from collections.abc import Callable, Collection
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+
+from selfheal.recording import Recording
+
+RATE = 100  # [Hz] of a recording
+DEGREES = 180 / np.pi
+
+
+def drive(model: mujoco.MjModel, commands: np.ndarray) -> np.ndarray:
+    """Positions (T, nq) of a model before each of some commands (T, nu)."""
+    data, rows = mujoco.MjData(model), []
+    for command in commands:
+        data.ctrl[:] = command
+        rows.append(data.qpos.copy())
+        mujoco.mj_step(model, data, round(1 / RATE / model.opt.timestep))
+    return np.array(rows)
+
+
+def edit(
+    recording: Recording,
+    change: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    *names: str,
+    episodes: Collection[str] | None = None,
+    ctrl: np.ndarray | float = 1.0,
+) -> Recording:
+    """The recording with `change(time, values)` of some signals, or of all.
+
+    Args:
+        recording: a clean one.
+        change: of values (T, ...) at times (T).
+        names: of the signals; none: all.
+        episodes: that are changed; None: all.
+        ctrl: by which commands are multiplied.
+    """
+    changed = {
+        k: replace(e, ctrl=e.ctrl * ctrl, signals={
+            n: replace(s, values=change(e.time, s.values))
+            if not names or n in names else s
+            for n, s in e.signals.items()
+        }) if episodes is None or k in episodes else e
+        for k, e in recording.episodes.items()
+    }  # fmt: skip
+    return replace(recording, episodes=changed)
+
+
+def flip(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values with the other sign."""
+    return -values
+
+
+def to_degrees(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values in degrees."""
+    return values * DEGREES
