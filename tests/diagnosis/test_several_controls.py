@@ -9,8 +9,9 @@ import pytest
 from selfheal.diagnosis.data.robot_summary import min_stable_inertia
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import find_effect, load_catalogue
+from selfheal.diagnosis.effects.commands import CommandGrid
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.effects.places import locate_target
+from selfheal.diagnosis.effects.places import ControlsPlace, locate_target
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.build import build_simulator
@@ -176,10 +177,10 @@ def test_what_is_known_of_an_actuator_is_the_same_behind_another():
         place, joint = locate_target(model, servo), model.joint("bend").id
         inertia = min_stable_inertia(model, joint)
         center_damping(model, 1e-4, compute_inverse_inertias(model))
-        known.append((place["gear"], inertia, model.dof_armature[place["dof"]]))
-        assert place["controls"] == (place["goal"],) == (model.nu - 1,)
+        known.append((place.gear, inertia, model.dof_armature[place.dof]))
+        assert place.controls == (place.goal,) == (model.nu - 1,)
         find_effect("torque_saturation").edit_model(model, place, np.array([3.0]))
-        assert model.actuator_forcerange[place["actuator"]].tolist() == [-1.5, 1.5]
+        assert model.actuator_forcerange[place.actuator].tolist() == [-1.5, 1.5]
     assert known[0] == pytest.approx(known[1])
 
 
@@ -206,9 +207,9 @@ def test_a_delay_at_a_ball_joint_is_patched_and_replayed(wrist, tmp_path):
 
 def test_a_delay_delays_all_controls_of_its_actuator_and_no_other():
     ctrl = np.random.default_rng(0).normal(size=(1, 9, 4))
-    place, steps = {"controls": (1, 2)}, 3
+    place, steps = ControlsPlace(controls=(1, 2)), 3
     late = find_effect("command_delay").transform_command(
-        ctrl, 0.01, place, np.array([[steps * 0.01]])
+        ctrl, CommandGrid(0.01), place, np.array([[steps * 0.01]])
     )
     np.testing.assert_array_equal(late[..., [0, 3]], ctrl[..., [0, 3]])
     np.testing.assert_allclose(late[:, steps:, 1:3], ctrl[:, :-steps, 1:3])
@@ -219,7 +220,7 @@ def test_a_pid_states_its_gains(tmp_path):
     stated = {t.targets[0]: t for t in build_nominal_terms(b.robot)}
     for field, value in {"kp": 20, "kv": 0.8, "ki": 5}.items():
         term = stated[f"actuator:shoulder_servo/{field}"]
-        assert term.finding_fields["value"] == value
+        assert term.effect.value == value
     check = make_effect_bench(PID_ARM, tmp_path)
     assert "actuator:shoulder_servo/ki" not in {
         t.targets[0] for t in build_nominal_terms(check.robot)

@@ -10,6 +10,7 @@ from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.effects.places import Place
 from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
@@ -184,7 +185,7 @@ class Explosion(Effect):
 
     def propose_terms(self, scene):
         size = Parameter("size", "1", 0.0, 0.0, 30.0, 3.0)
-        return [Term(self, ("world",), ({},), (size,), ((20.0,), (15.0,)))]
+        return [Term(self, ("world",), (Place(),), (size,), ((20.0,), (15.0,)))]
 
     def apply_forces(self, moment, place, values):
         moment.applied_force[:] += 10 ** values[:, :1] - 1

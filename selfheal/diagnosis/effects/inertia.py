@@ -1,11 +1,16 @@
 """Mass and shape of a body of a compiled model: takes a change, edits the fields."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...recording.data import Floats
 
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
-def spatial_inertia(model, body: int) -> Floats:
+
+def spatial_inertia(model: "MjModel", body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
     turn = _rotation_matrix(model.body_iquat[body])
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
@@ -21,7 +26,7 @@ def _rotation_matrix(quaternion: Floats) -> Floats:
 
 
 def set_spatial_inertia(
-    model, body: int, mass: float, com: Floats, inertia: Floats
+    model: "MjModel", body: int, mass: float, com: Floats, inertia: Floats
 ) -> None:
     """Give a body a mass, a center of mass and an inertia.
 
@@ -70,7 +75,7 @@ def _point_inertia(mass: float, at: Floats) -> Floats:
     return mass * (at @ at * np.eye(3) - np.outer(at, at))
 
 
-def add_mass(model, body: int, mass: float, at: Floats) -> None:
+def add_mass(model: "MjModel", body: int, mass: float, at: Floats) -> None:
     """Fix a point mass to a body, by Steiner's theorem.
 
     Args:
@@ -90,7 +95,7 @@ def add_mass(model, body: int, mass: float, at: Floats) -> None:
     set_spatial_inertia(model, body, total, com, inertia)
 
 
-def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
+def stretch_body(model: "MjModel", body: int, axis: Floats, ratio: float) -> None:
     """Scale a body along an axis: its mass, geoms, sites, and where children hang.
 
     The mass stays; its second moments scale with the square of the ratio.
@@ -119,7 +124,7 @@ def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
         model.site_pos[site] = grow @ model.site_pos[site]
 
 
-def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
+def _stretch_geom(model: "MjModel", geom: int, axis: int, ratio: float) -> None:
     """Scale a geom along one of its own axes, where its type has a size along it.
 
     Args:

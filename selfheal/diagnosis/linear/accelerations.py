@@ -8,7 +8,15 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Effect, StepState, Term, implements
+from ..effects.base import Effect, Term
+from ..effects.protocols import (
+    CommandFilter,
+    JointAddition,
+    JointForce,
+    ModelEdit,
+    SensorMap,
+    StepState,
+)
 from ..simulation.batch import (
     BatchState,
     Hypotheses,
@@ -101,13 +109,10 @@ def _find_impedance(model) -> Floats:
 
 def is_force_law(effect: Effect) -> bool:
     """Whether an effect adds forces that follow from states and commands alone."""
-    others = ("edit_model", "edit_spec", "transform_command", "transform_reading")
-    return (
-        implements(effect, "apply_forces")
-        and not any(implements(effect, way) for way in others)
-        and not (effect.reads_torques or effect.reads_actuators)
-        and not effect.writes_forcerange
-    )
+    others = ModelEdit | JointAddition | CommandFilter | SensorMap
+    if isinstance(effect, others) or not isinstance(effect, JointForce):
+        return False
+    return not effect.needs
 
 
 def compute_applied_forces(
@@ -207,7 +212,7 @@ def _forward(
         time = np.tile(moments.first_step * step, len(hypotheses.models))
         bound = batch.bind("ctrl") if ctrl.shape[-1] else None
         forces = EffectForces(batch, actions, initial.integral_errors, step)
-        if any(action.effect.reads_torques for action in actions):
+        if any("actuator_torque" in action.effect.needs for action in actions):
             batch.forward(stage=stage)  # fills what is bound before
         forces.apply(batch.bind("qpos"), batch.bind("qvel"), bound, time)
         friction = forces.frictionloss

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...mjcf.edit import Edit, Set, format_number
 from ...recording.data import Floats
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.protocols import TextForm
 from ..simulation.model_variants import ModelVariant, split_values
 from .model_source import ModelSource, differs, name_or_id
 from .patch_actuators import edit_actuators
@@ -34,11 +35,9 @@ def build_edits(
     old, new = variant.model, variant.build_model(terms, values)
     edits: list[Edit] = []
     for term, part in zip(terms, split_values(terms, values), strict=True):
-        if implements(term.effect, "edit_text"):
+        if isinstance(term.effect, TextForm):
             for place in term.places:
-                edits += (
-                    term.effect.edit_text(old, variant.map_place(place), part) or []
-                )
+                edits += term.effect.edit_text(old, place.renumber(variant), part)
     return [
         *edits,
         *_edit_joints(source, old, new),

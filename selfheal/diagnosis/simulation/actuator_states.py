@@ -1,9 +1,8 @@
 """States of actuators: takes past commands and readings, gives what they came to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import accumulate
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +14,8 @@ from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
 from ..data.state_estimate import estimate_initial_state
 from ..effects.commands import delay_column, limit_rate_of_column
-from ..effects.places import actuator_place
+from ..effects.controller.servo import SETTLED, IntegralAction, IntegratorPlace
+from ..effects.places import ActuatorPlace, actuator_place
 from .batch import Hypotheses
 from .cache import SimulationCache
 from .commands import transform_commands
@@ -118,12 +118,11 @@ def integrate_servo_errors(
     errors = {}
     for term, values in zip(hypotheses.terms, hypotheses.term_values, strict=True):
         for place in term.places:
-            effect: Any = term.effect
-            if effect.name == "integral_action":
-                bounds = effect.max_integral(values)
+            if isinstance(place, IntegratorPlace):
+                bounds = IntegralAction.max_integral(values)
                 servo = _IntegratingServo(system, cache, hypotheses.variant, place)
                 each = zip(hypotheses.models, values[:, 0], bounds, strict=True)
-                errors[place["actuator"]] = np.concatenate(
+                errors[place.actuator] = np.concatenate(
                     [servo.integrate(segments, *hypothesis) for hypothesis in each]
                 )
     return errors
@@ -140,7 +139,7 @@ class _IntegratingServo:
         system: RecordedSystem,
         cache: SimulationCache,
         variant: ModelVariant,
-        place: Mapping[str, Any],
+        place: IntegratorPlace,
     ) -> None:
         self.system, self.cache = system, cache
         self.variant, self.place = variant, place
@@ -162,13 +161,13 @@ class _IntegratingServo:
         """
         system, place = self.system, self.place
         total = np.zeros(len(segments))
-        is_settled = place.get("begins") == "settled" and gain > 0
+        is_settled = place.begins == SETTLED and gain > 0
         integrated = segments.episode[(segments.first_step > 0) | is_settled]
         for episode in np.unique(integrated):
             rows = np.flatnonzero(segments.episode == episode)
             added = self.cache.load_or_compute(
                 segments,
-                ("servo errors", place["actuator"], episode),
+                ("servo errors", place.actuator, episode),
                 partial(_servo_errors, system, system.episodes[episode], place),
             )
             begin = 0.0
@@ -199,7 +198,7 @@ class _IntegratingServo:
             Its mean over the K steps [N m or N].
         """
         variant = self.variant
-        dof = variant.map_place(self.place)["dof"]
+        dof = self.place.renumber(variant).dof
         motion = self.cache.load_or_compute(
             segments,
             ("first motion", episode),
@@ -305,7 +304,7 @@ def _follow_pids(
             states.append(np.concatenate([goal[:, :1], goal[:, :-1]], axis=1))
         if model.actuator_gainprm[a, 0]:
             place = actuator_place(system.compiler.nominal, a)
-            error = goal - place["gear"] * _read_joint(system, episode, place)
+            error = goal - place.gear * _read_joint(system, episode, place)
             bound = most if most > 0 else np.inf
             added = (_add_up(each[:-1], step) for each in error)
             sums = [_accumulate_clipped(x, 0.0, -bound, bound) for x in added]
@@ -331,14 +330,14 @@ def _first_steps(system: RecordedSystem, episode: int) -> np.ndarray:
 
 
 def _servo_errors(
-    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+    system: RecordedSystem, episode: SampledEpisode, place: ActuatorPlace
 ) -> list[float]:
     """What each step (G) adds to a servo's integrated error [rad s].
 
     That is h (command - position), with the position as it was read.
     """
     read = _read_joint(system, episode, place)
-    return _add_up(episode.ctrl[:, place["goal"]] - read, system.timestep)
+    return _add_up(episode.ctrl[:, place.goal] - read, system.timestep)
 
 
 def _add_up(error: Floats, step: float) -> list[float]:
@@ -347,12 +346,12 @@ def _add_up(error: Floats, step: float) -> list[float]:
 
 
 def _read_joint(
-    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+    system: RecordedSystem, episode: SampledEpisode, place: ActuatorPlace
 ) -> Floats:
     """Position (G) of an actuator's joint as it was read; NaN where it was not."""
     grid = np.arange(len(episode.ctrl), dtype=float)
     model = system.compiler.nominal
-    joint = [j for j in range(model.njnt) if model.jnt_qposadr[j] == place.get("qpos")]
+    joint = [j for j in range(model.njnt) if model.jnt_qposadr[j] == place.qpos]
     read = [("joint_position", model.joint(j).name) for j in joint]
     for c in system.channels:
         if (c.kind, c.target) in read:

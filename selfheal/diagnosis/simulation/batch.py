@@ -139,7 +139,8 @@ def make_batch(hypotheses: Hypotheses, initial: BatchState):
     batch = Batch(variant.model, count, nthread=threads)
     segments = count // len(hypotheses.models)
     for name, nominal in variant.nominal_fields.items():
-        values = [read_model_field(m, name) for m in hypotheses.models]
+        read = (read_model_field(m, name) for m in hypotheses.models)
+        values = [value for value in read if value is not None]
         if any(v.tobytes() != nominal for v in values):
             batch.expand(name)[:] = np.repeat(np.stack(values), segments, axis=0)
     _set_states(batch, initial)

@@ -9,7 +9,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..data.state_estimate import complete_state, estimate_initial_state
-from ..effects.base import Term
+from ..effects.places import AddedJointPlace, SecondJointPlace
+from ..effects.protocols import JointAddition
 from .actuator_states import (
     compute_activations,
     fill_histories,
@@ -65,11 +66,9 @@ class InitialStates:
         q[:] = variant.model.qpos0
         q[..., variant.qpos], v[..., variant.dof] = qpos, qvel
         for term, values in zip(hypotheses.terms, hypotheses.term_values, strict=True):
-            for place in term.places:
-                if "suffix" in place:
-                    self._settle_second_joint(
-                        term, variant.map_place(place), values, q, v
-                    )
+            if isinstance(term.effect, JointAddition):
+                for place in variant.list_added_joints([term]):
+                    self._settle_added_joint(term.effect, place, values, q, v)
         histories = fill_histories(system, variant.model, segments)
         return BatchState(
             q.reshape(n * w, -1),
@@ -141,10 +140,10 @@ class InitialStates:
                 response[rows] = state.response
         return response
 
-    def _settle_second_joint(
+    def _settle_added_joint(
         self,
-        term: Term,
-        place: Mapping[str, Any],
+        effect: JointAddition,
+        place: AddedJointPlace,
         values: Floats,
         qpos: Floats,
         qvel: Floats,
@@ -154,9 +153,9 @@ class InitialStates:
         Where an episode begins in a given state, the added joint begins at 0.
 
         Args:
-            term: that adds the joint.
+            effect: that adds the joint.
             place: of the joint, as the hypotheses' variant numbers it.
-            values: (n, p) of the term.
+            values: (n, p) of the effect.
             qpos: (n, W, nq) of the variant; changed.
             qvel: (n, W, nv) of the variant.
         """
@@ -168,11 +167,11 @@ class InitialStates:
             for k in free:
                 data.qpos[:], data.qvel[:] = qpos[i, k], qvel[i, k]
                 mujoco.mj_forward(model, data)
-                load = -float(data.qfrc_bias[place["dof"]])
-                deflection = term.effect.compute_deflection(values[i], load)
-                qpos[i, k, place["extra_qpos"]] = deflection
-                if place["side"] == "link":
-                    qpos[i, k, place["qpos"]] -= deflection
+                load = -float(data.qfrc_bias[place.loaded_dof])
+                deflection = effect.compute_deflection(values[i], load)
+                qpos[i, k, place.added_qpos] = deflection
+                if isinstance(place, SecondJointPlace) and place.is_read_behind:
+                    qpos[i, k, place.qpos] -= deflection
 
 
 def _add_offset(

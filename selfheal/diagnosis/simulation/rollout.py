@@ -4,7 +4,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import implements
+from ..effects.protocols import JointForce
 from .batch import (
     BatchState,
     Hypotheses,
@@ -43,7 +43,7 @@ def simulate_batch(
         (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
         that diverged.
     """
-    if any(implements(t.effect, "apply_forces") for t in hypotheses.terms):
+    if any(isinstance(t.effect, JointForce) for t in hypotheses.terms):
         return run_stepwise(
             hypotheses, segments, initial, commands, sensors, sampled_steps, step
         )

@@ -9,7 +9,8 @@ from ...recording.actuator_laws import list_control_gains
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
-from ..effects.base import implements
+from ..effects.places import ControlsPlace
+from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
 from .cache import SimulationCache
 from .commands import compute_commands
@@ -118,9 +119,14 @@ def _correct_torques(
     controls, out = find_controls(model, a), find_output(model, a)
     if model.actuator_dyntype[a] or model.actuator_delay[a]:
         return
-    changed = [t for t in hypotheses.terms if implements(t.effect, "transform_command")]
-    # a place without an actuator is of all of them
-    if any(place.get("actuator", a) == a for t in changed for place in t.places):
+    filtered = {
+        control
+        for term in hypotheses.terms
+        for place in term.places
+        if isinstance(place, ControlsPlace) and isinstance(term.effect, CommandFilter)
+        for control in place.controls
+    }
+    if not filtered.isdisjoint(controls):
         reaching = compute_commands(
             system, cache, hypotheses, segments, centered=False, mean=False
         ).reshape(commands.shape)

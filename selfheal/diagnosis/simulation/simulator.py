@@ -10,7 +10,9 @@ from mujoco import MjData
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.places import SignalPlace
+from ..effects.protocols import SensorMap
 from .batch import Hypotheses, center_damping
 from .cache import SimulationCache, SimulationCounter
 from .checkpoint import Arrays, Checkpoint
@@ -21,7 +23,7 @@ from .rollout import simulate_batch
 from .sampling import find_sampled_steps, sample_signals
 from .sensors import SensorReader
 from .system import RecordedSystem
-from .warm_up import has_second_joint, warm_up_second_joints
+from .warm_up import has_added_joint, warm_up_added_joints
 
 # [steps] as much as one cannot say when in a step a command acts; chosen: half a step
 # of whoever simulates in quarters, a servo's bus is no better
@@ -178,8 +180,8 @@ class Simulator(RecordedSystem):
         initial = InitialStates(self, self.cache, hypotheses, segments).compute(
             initial_state_offset
         )
-        if has_second_joint(terms):
-            warm_up_second_joints(self, self.cache, hypotheses, segments, initial)
+        if has_added_joint(terms):
+            warm_up_added_joints(self, self.cache, hypotheses, segments, initial)
         commands = compute_commands(
             self,
             self.cache,
@@ -316,10 +318,11 @@ def collect_reading_changes(
     """
     changes: dict[str, dict[str, Floats]] = {}
     for term, values in zip(terms, term_values, strict=True):
-        if implements(term.effect, "transform_reading"):
+        if isinstance(term.effect, SensorMap):
             for place in term.places:
+                assert isinstance(place, SignalPlace)  # by `SensorMap`
                 change = term.effect.transform_reading(place, values)
-                of_kind = (c.name for c in channels if c.kind == place.get("kind"))
-                for name in (place["signal"],) if "signal" in place else of_kind:
+                of_kind = [c.name for c in channels if c.kind == place.kind]
+                for name in [place.signal] if place.signal else of_kind:
                     changes.setdefault(name, {}).update(change)
     return changes

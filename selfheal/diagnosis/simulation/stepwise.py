@@ -1,14 +1,15 @@
 """Rollouts step by step: takes effects that act at every step, gives true signals."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Effect, StepState, implements
+from ..effects.places import Place
+from ..effects.protocols import JointForce, StepState
 from .batch import (
     BatchState,
     Hypotheses,
@@ -26,8 +27,8 @@ UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none
 class Action(NamedTuple):
     """An effect that acts at every step: where, and its values (N, p)."""
 
-    effect: Effect
-    place: Mapping[str, Any]
+    effect: JointForce
+    place: Place
     values: Floats
 
 
@@ -36,11 +37,11 @@ def list_actions(hypotheses: Hypotheses, count: int) -> list[Action]:
     return [
         Action(
             t.effect,
-            hypotheses.variant.map_place(place),
+            place.renumber(hypotheses.variant),
             np.repeat(values, count, axis=0),
         )
         for t, values in zip(hypotheses.terms, hypotheses.term_values, strict=True)
-        if implements(t.effect, "apply_forces")
+        if isinstance(t.effect, JointForce)
         for place in t.places
     ]
 
@@ -179,8 +180,10 @@ class EffectForces:
         self._torque, self._bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
         self.frictionloss = batch.expand("dof_frictionloss")
         self._nominal_frictionloss = self.frictionloss.copy()
-        self._batch, self._law = batch, {}
-        if any(action.effect.reads_actuators for action in actions):
+        needs = {name for action in actions for name in action.effect.needs}
+        self._batch = batch
+        self._law: dict[str, Floats] = {}
+        if "actuator_length" in needs:
             fields = ("actuator_gainprm", "actuator_biasprm")
             gainprm, biasprm = (batch.expand(name) for name in fields)
             length = batch.bind("actuator_length")
@@ -188,7 +191,7 @@ class EffectForces:
                 "gainprm": gainprm, "biasprm": biasprm, "actuator_length": length
             }  # fmt: skip
         self._forcerange: Floats | None = None
-        if any(action.effect.writes_forcerange for action in actions):
+        if "forcerange" in needs:
             limited = batch.expand("actuator_forcelimited")
             self._forcerange = batch.expand("actuator_forcerange")
             unlimited = [-np.inf, np.inf]

@@ -47,7 +47,7 @@ def test_inertia_is_that_of_all_that_rocks():
       <geom type="sphere" size="0.01" mass="2"/></body></body></worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
     for axis in ("x", "y"):
-        inertia = make_base_place(model, 1, axis)["inertia"]
+        inertia = make_base_place(model, 1, axis).inertia
         assert inertia == pytest.approx(2 * 0.5**2, rel=0.01)
 
 
