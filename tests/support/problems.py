@@ -11,6 +11,7 @@ from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.effects.places import Place
+from selfheal.diagnosis.effects.protocols import JointForce
 from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
@@ -177,7 +178,7 @@ def name_effect(term: Term) -> NamedEffect:
     return NamedEffect(term, Evidence(1.0, 1e-3, 1.0), ())
 
 
-class Explosion(Effect):
+class Explosion(Effect, JointForce[Place]):
     """An effect whose forces are so large that the simulation diverges."""
 
     name = "explosion"

@@ -18,7 +18,6 @@ from ...printable import join_names
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
-from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term
 from ..effects.terms import remove_rounding
 from ..simulation.dataset import (
@@ -283,9 +282,9 @@ def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
     std = np.empty((len(segments), 2 * simulator.compiler.nominal.nv))
     for episode in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == episode)
-        std[rows] = estimate_initial_state(
-            simulator, int(episode), segments.first_step[rows], {}
-        )[2]
+        std[rows] = simulator.complete_state(
+            int(episode), segments.first_step[rows]
+        ).std
     return std
 
 

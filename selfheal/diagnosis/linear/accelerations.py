@@ -24,6 +24,7 @@ from ..simulation.batch import (
     compute_servo_impedance,
     find_diverged,
     make_batch,
+    set_commands,
 )
 from ..simulation.commands import compute_commands
 from ..simulation.initial_states import InitialStates
@@ -97,7 +98,7 @@ def compute_accelerations(
     return Dynamics(out, inertia, friction, impedance)
 
 
-def _find_impedance(model) -> Floats:
+def _find_impedance(model: mujoco.MjModel) -> Floats:
     """(nv, 2) stiffness and damping of joints, with those of their servos."""
     out = compute_servo_impedance(model)
     out[:, 1] += np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
@@ -200,8 +201,7 @@ def _forward(
         in_steps: as `compute_accelerations` has it.
     """
     batch = make_batch(hypotheses, initial)
-    if ctrl.shape[-1]:
-        batch.bind("ctrl")[:] = ctrl
+    bound = set_commands(batch, ctrl)
     # filled from now on
     acceleration, packed = batch.bind("qacc"), batch.bind("M")
     stage = mujoco.mjtStage.mjSTAGE_ACC
@@ -210,7 +210,6 @@ def _forward(
     friction = np.repeat(losses, len(moments), axis=0)
     if actions:
         time = np.tile(moments.first_step * step, len(hypotheses.models))
-        bound = batch.bind("ctrl") if ctrl.shape[-1] else None
         forces = EffectForces(batch, actions, initial.integral_errors, step)
         if any("actuator_torque" in action.effect.needs for action in actions):
             batch.forward(stage=stage)  # fills what is bound before
@@ -229,7 +228,7 @@ def _forward(
     return out, inertia[:, dofs[:, None], dofs], friction[:, dofs]
 
 
-def _unpack(model, packed: Floats) -> Floats:
+def _unpack(model: mujoco.MjModel, packed: Floats) -> Floats:
     """Symmetric matrices (B, nv, nv) of MuJoCo's lower triangles in sparse rows."""
     rows = np.repeat(np.arange(model.nv), model.M_rownnz)
     out = np.zeros((len(packed), model.nv, model.nv))

@@ -358,7 +358,9 @@ def _undo(
     return (found - bias[:, None]) / change.get("gain", 1.0), variance
 
 
-def _combine(x, x_var, y, y_var):
+def _combine(
+    x: Floats | float, x_var: Floats, y: Floats | float, y_var: Floats
+) -> Floats:
     """Mean (W) of two estimates (W) by their inverse variances (W)."""
     mean = (x / x_var + y / y_var) / (1 / x_var + 1 / y_var)
     return np.where(np.isfinite(mean), mean, np.where(np.isfinite(x), x, y))

@@ -1,7 +1,7 @@
 """Changed bodies, geoms and sites as edits of text: takes two models, gives edits."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
 from ..effects.inertia import spatial_inertia
 from .model_source import ModelSource, differs, name_or_id
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # MJCF's other ways to state an orientation, which `quat` takes the place of
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
@@ -20,7 +23,7 @@ HALF_LENGTHS = {3: 1, 5: 1}
 ROUNDING = 1e-12  # share of a vector's largest number below which one is rounding
 
 
-def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_bodies(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the bodies whose place, mass, inertia or carried weight differs.
 
     Args:
@@ -50,7 +53,9 @@ def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
             yield _edit_inertial(source, name_or_id(old.body, b), new, b)
 
 
-def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit:
+def _edit_inertial(
+    source: ModelSource, name: str | int, new: "MjModel", body: int
+) -> Edit:
     """The edit that gives a body's text the mass and inertia of the new model.
 
     Args:
@@ -75,7 +80,7 @@ def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit
 
 
 def _edit_moments(
-    source: ModelSource, element: Any, new, body: int
+    source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> dict[str, str | None]:
     """Attributes of a stated inertia's moments, in the form that the text has.
 
@@ -103,7 +108,7 @@ def _edit_moments(
 
 
 def _stated_axes_inertia(
-    source: ModelSource, element: Any, new, body: int
+    source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> Floats | None:
     """Principal moments (3) [kg m^2] about the axes that the text states.
 
@@ -200,7 +205,7 @@ def _edit_span(
     return attributes
 
 
-def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_geoms(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the geoms that differ between two models.
 
     Args:
@@ -235,13 +240,13 @@ def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
             yield Set("geom", name_or_id(old.geom, g), attributes)
 
 
-def _format_size(model, geom: int) -> str:
+def _format_size(model: "MjModel", geom: int) -> str:
     """The `size` of a geom, with as many numbers as its type has."""
     count = SIZES.get(int(model.geom_type[geom]), 3)
     return format_number(model.geom_size[geom, :count])
 
 
-def edit_sites(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_sites(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the sites that have moved between two models.
 
     Args:

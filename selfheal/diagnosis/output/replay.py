@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -39,6 +39,9 @@ from ..simulation.checks import find_divergence
 from ..simulation.model_variants import ModelCompiler
 from ..simulation.simulator import Simulator
 from .storage import read_document
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 
 def replay_recording(
@@ -108,7 +111,9 @@ def _build_terms(
     return terms, np.concatenate([*values, np.zeros(0)])
 
 
-def _restore_refit(document, compiler: ModelCompiler) -> Iterator[tuple[Term, float]]:
+def _restore_refit(
+    document: Mapping[str, Any], compiler: ModelCompiler
+) -> Iterator[tuple[Term, float]]:
     """Terms of the re-fitted values that this model states too, and their factors."""
     nominal_terms = {
         t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(compiler))
@@ -222,7 +227,7 @@ def _replay_episode(
     return replace(episode, signals=filled)
 
 
-def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
+def _find_added_joints(document: Mapping[str, Any], model: "MjModel") -> list[int]:
     """Ids of the joints that a patch added to a model, hinges and slides."""
     places = [
         find_effect(finding["effect"]).find_place(model, finding)
@@ -238,7 +243,7 @@ def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 
-def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
+def _extend_state(episode: Episode, model: "MjModel", added: Sequence[int]) -> Episode:
     """The episode with its given state, if any, in which added joints start at 0.
 
     Args:

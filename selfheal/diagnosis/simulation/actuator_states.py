@@ -12,7 +12,6 @@ from ...recording.actuator_laws import find_goal
 from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
-from ..data.state_estimate import estimate_initial_state
 from ..effects.commands import delay_column, limit_rate_of_column
 from ..effects.controller.servo import SETTLED, IntegralAction, IntegratorPlace
 from ..effects.places import ActuatorPlace, actuator_place
@@ -67,7 +66,9 @@ def compute_activations(
     return out.reshape(-1, model.na)
 
 
-def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats | None:
+def fill_histories(
+    system: RecordedSystem, model: mujoco.MjModel, segments: Segments
+) -> Floats | None:
     """Buffers of the past commands to actuators with a delay.
 
     Before an episode's first sample, its first command was given (contract, section
@@ -144,7 +145,9 @@ class _IntegratingServo:
         self.system, self.cache = system, cache
         self.variant, self.place = variant, place
 
-    def integrate(self, segments: Segments, model, gain: float, bound: float) -> Floats:
+    def integrate(
+        self, segments: Segments, model: mujoco.MjModel, gain: float, bound: float
+    ) -> Floats:
         """Integrated error where segments begin, under one hypothesis.
 
         It begins at 0 with an episode. Where the servo had settled before, it begins
@@ -181,7 +184,7 @@ class _IntegratingServo:
         return total
 
     def _required_torque(
-        self, segments: Segments, model, episode: int, at: np.ndarray
+        self, segments: Segments, model: mujoco.MjModel, episode: int, at: np.ndarray
     ) -> float:
         """Mean torque that a motion needs beside what the actuators give.
 
@@ -219,7 +222,8 @@ def _estimate_motion(
     system: RecordedSystem, episode: int, at: np.ndarray
 ) -> tuple[Floats, Floats, Floats]:
     """Position (K, nq), velocity and acceleration (K, nv) at steps `at` (K)."""
-    qpos, qvel, _ = estimate_initial_state(system, episode, at, {})
+    state = system.complete_state(episode, at)
+    qpos, qvel = state.qpos, state.qvel
     if len(at) == 1:
         return qpos, qvel, 0 * qvel
     return qpos, qvel, np.gradient(qvel, at * system.timestep, axis=0)
@@ -229,12 +233,14 @@ def _actuator_lengths(system: RecordedSystem, episode: int) -> Floats:
     """Lengths (nactuator) of the actuators where an episode begins [rad or m]."""
     model = system.compiler.nominal
     data = mujoco.MjData(model)
-    data.qpos[:] = estimate_initial_state(system, episode, np.zeros(1), {})[0][0]
+    data.qpos[:] = system.complete_state(episode, np.zeros(1)).qpos[0]
     mujoco.mj_fwdPosition(model, data)
     return np.array(data.actuator_length[model.actuator_outadr])
 
 
-def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
+def filter_commands(
+    model: mujoco.MjModel, ctrl: Floats, step: float, begin: Floats
+) -> Floats:
     """Activations along a grid of commands, by MuJoCo's first-order dynamics.
 
     A filter follows w[k+1] = u[k] + (w[k] - u[k]) exp(-h / tau), an integrator

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..data.state_estimate import complete_state, estimate_initial_state
 from ..effects.places import AddedJointPlace, SecondJointPlace
 from ..effects.protocols import JointAddition
 from .actuator_states import (
@@ -112,9 +111,10 @@ class InitialStates:
                 continue
             for episode in np.unique(segments.episode):
                 rows = np.flatnonzero(segments.episode == episode)
-                q, v, _ = estimate_initial_state(
-                    system, int(episode), segments.first_step[rows], change
+                state = system.complete_state(
+                    int(episode), segments.first_step[rows], change
                 )
+                q, v = state.qpos, state.qvel
                 qpos[i, rows], qvel[i, rows] = q, v
         return qpos, qvel
 
@@ -133,9 +133,7 @@ class InitialStates:
         response = np.tile(np.eye(nv), (len(segments), 1, 1))
         for episode in np.unique(segments.episode):
             rows = np.flatnonzero(segments.episode == episode)
-            state = complete_state(
-                self.system, int(episode), segments.first_step[rows], {}
-            )
+            state = self.system.complete_state(int(episode), segments.first_step[rows])
             if state.response is not None:
                 response[rows] = state.response
         return response
@@ -175,7 +173,7 @@ class InitialStates:
 
 
 def _add_offset(
-    model, qpos: Floats, qvel: Floats, offset: Floats
+    model: mujoco.MjModel, qpos: Floats, qvel: Floats, offset: Floats
 ) -> tuple[Floats, Floats]:
     """States moved in their tangent space, as MuJoCo integrates a position.
 

@@ -287,17 +287,16 @@ class Simulator(RecordedSystem):
         episodes = tuple(
             episode.with_late_commands(COMMAND_LATENESS) for episode in self.episodes
         )
-        return self._with_changes(episodes=episodes)
+        return replace(
+            self,
+            episodes=episodes,
+            checkpoint=Checkpoint(),
+            cache=SimulationCache(),
+        )
 
     def with_channels(self, channels: tuple[Channel, ...]) -> "Simulator":
         """This simulator with channels of other noise: other initial states follow."""
         return replace(self, channels=channels, cache=SimulationCache())
-
-    def _with_changes(self, **changes) -> "Simulator":
-        """This simulator with other fields, an empty cache and no checkpoint."""
-        return replace(
-            self, checkpoint=Checkpoint(), cache=SimulationCache(), **changes
-        )
 
 
 def collect_reading_changes(

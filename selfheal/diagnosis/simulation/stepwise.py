@@ -1,7 +1,7 @@
 """Rollouts step by step: takes effects that act at every step, gives true signals."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,9 +17,13 @@ from .batch import (
     find_diverged,
     make_batch,
     restore_whole_steps,
+    set_commands,
     shift_velocity_back,
 )
 from .sensors import SensorReader
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
 
 UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none has it
 
@@ -84,7 +88,7 @@ def run_stepwise(
 
 
 def _center_first_step(
-    batch,
+    batch: "Batch",
     forces: "EffectForces",
     commands: Floats,
     begin: Floats,
@@ -99,9 +103,7 @@ def _center_first_step(
         begin: (B) time at which each simulation begins in its episode [s].
         initial: these states.
     """
-    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
-    if ctrl is not None:
-        ctrl[:] = commands[:, 0]
+    ctrl = set_commands(batch, commands[:, 0])
     forces.apply(batch.bind("qpos"), batch.bind("qvel"), ctrl, begin)
     batch.step()
     shift_velocity_back(batch, initial)
@@ -109,7 +111,7 @@ def _center_first_step(
 
 
 def _run_steps(
-    batch,
+    batch: "Batch",
     forces: "EffectForces",
     commands: Floats,
     begin: Floats,
@@ -132,16 +134,15 @@ def _run_steps(
     """
     fields = sorted({"qpos", "qvel", *sensors.needs})
     bound = {name: batch.bind(name) for name in fields}
-    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
     commands = commands.swapaxes(0, 1).copy()
+    ctrl = set_commands(batch, commands[0])
     recorded = {
         k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()
     }
     before_step = ("qpos", "qvel")  # what a step leaves as after it
     after_step = [name for name in fields if name not in before_step]
     for k, command in enumerate(commands):
-        if ctrl is not None:
-            ctrl[:] = command
+        ctrl[:] = command
         for name in before_step:
             recorded[name][k] = bound[name]
         forces.apply(bound["qpos"], bound["qvel"], ctrl, begin + k * forces.timestep)
@@ -160,7 +161,7 @@ class EffectForces:
 
     def __init__(
         self,
-        batch,
+        batch: "Batch",
         actions: Sequence[Action],
         integral_errors: Mapping[int, Floats],
         timestep: float,
@@ -203,13 +204,13 @@ class EffectForces:
         """Set the integrated errors to what they were as the simulations began."""
         self._errors = {a: e.copy() for a, e in self._initial_errors.items()}
 
-    def apply(self, qpos: Floats, qvel: Floats, ctrl, time: Floats) -> None:
+    def apply(self, qpos: Floats, qvel: Floats, ctrl: Floats, time: Floats) -> None:
         """Let every effect act on a state.
 
         Args:
             qpos: (B, nq).
             qvel: (B, nv).
-            ctrl: (B, nu) commands; None without actuators.
+            ctrl: (B, nu) commands.
             time: (B) in each episode [s].
         """
         self._applied[:] = 0
