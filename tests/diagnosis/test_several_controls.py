@@ -144,7 +144,7 @@ def test_a_torque_follows_a_step_of_any_control_at_once(tmp_path):
     b = bench(robot, tmp_path, episodes=1, seconds=1.0, noise=1e-9)
     segments = cut_replay_segments(b.simulator)
     (c,) = (c for c in b.simulator.channels if c.name == "torque")
-    plain = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=True)[0]
+    plain = b.simulator.leapfrog.simulate([], np.zeros((1, 0)), segments)[0]
     apart = plain[:, c.columns] - segments.readings[:, c.columns]
     assert np.abs(apart).max() < 0.25 * 0.8 * size
 
@@ -255,7 +255,7 @@ def test_the_state_of_a_pid_goes_on_where_a_segment_begins(states, late, tmp_pat
         terms = [t for t in _terms_at(b, SERVO) if t.effect.name == "command_delay"]
         values = np.array([[0.04]])
     segments = cut_readable_segments(b.simulator, 0.5)
-    predicted = b.simulator.simulate(terms, values, segments, centered=False)[0]
+    predicted = b.simulator.simulate(terms, values, segments)[0]
     assert np.ptp(segments.readings) > 0.3
     np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)
 

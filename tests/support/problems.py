@@ -38,8 +38,8 @@ def make_problem(
         noise: standard deviation of a reading [its unit].
     """
     segments = cut_segments(bench.simulator.episodes, STEPS)
-    predicted = bench.simulator.simulate(
-        terms, np.array([values], float), segments, centered=True
+    predicted = bench.simulator.leapfrog.simulate(
+        terms, np.array([values], float), segments
     )[0]
     rng = np.random.default_rng(7)
     readings = predicted + noise * rng.normal(size=predicted.shape)
@@ -81,12 +81,8 @@ def make_misread_problem(
     offset = offset.sum(axis=0)[None]
     offset[..., :2] = 0
     offset[..., 2:] *= speeds
-    predicted = bench.simulator.simulate(
-        (term,),
-        values[None],
-        problem.segments,
-        initial_state_offset=offset,
-        centered=True,
+    predicted = bench.simulator.leapfrog.simulate(
+        (term,), values[None], problem.segments, initial_state_offset=offset
     )[0]
     noise = NOISE * np.random.default_rng(0).normal(size=predicted.shape)
     segments = replace(problem.segments, readings=predicted + noise)

@@ -233,10 +233,6 @@ class RobotSummary:
         """By how much contacts may be early or late [s]; no shorter delay shows."""
         return CONTACT_TIMING_STEPS * self.timestep if self.has_contact else 0.0
 
-    def joint_by_id(self, joint: int) -> Joint:
-        """The joint with an id in the given model."""
-        return next(j for j in self.joints if j.id == joint)
-
     def joint_by_dof(self, dof: int) -> Joint:
         """The joint with an index in qvel."""
         return next(j for j in self.joints if j.dof == dof)

@@ -51,11 +51,7 @@ class CommandDelay(
 
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
-        return (
-            self.make_parameter(
-                "delay", low=0.0, high=0.3, scale=0.01, resolution=least
-            ),
-        )
+        return (self.bound("delay", low=0.0, high=0.3, scale=0.01, resolution=least),)
 
     def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return ((0.005,), (0.02,), (0.06,))
@@ -110,9 +106,7 @@ class ActuatorLag(
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = STALE_STEPS * robot.timestep
         return (
-            self.make_parameter(
-                "timeconst", low=0.0, high=1.0, scale=0.02, resolution=least
-            ),
+            self.bound("timeconst", low=0.0, high=1.0, scale=0.02, resolution=least),
         )
 
     def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
@@ -157,7 +151,7 @@ class RateLimit(ActuatorEffect, CommandFilter[ActuatorPlace]):
 
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         rate = actuator.max_rate
-        parameter = self.make_parameter(
+        parameter = self.bound(
             "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
         )
         # of what is commanded in other units than the position's
@@ -202,11 +196,10 @@ class ThermalDerating(ActuatorEffect, CommandFilter[ActuatorPlace]):
 
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         most = 1 / actuator.max_force**2
-        make = self.make_parameter
         return (
-            make("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
+            self.bound("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
             # of a small winding seconds, of a large motor's housing an hour
-            make("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
+            self.bound("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
         )
 
     def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
@@ -253,14 +246,14 @@ class SpeedTorqueLimit(ActuatorEffect, JointForce[ActuatorPlace]):
         joint = robot.joint_by_dof(actuator.dof)
         most, speed = actuator.max_force, joint.max_speed
         return (
-            self.make_parameter(
+            self.bound(
                 "stall_torque",
                 actuator,
                 low=0.01 * most,
                 high=20 * most,
                 scale=0.2 * most,
             ),
-            self.make_parameter(
+            self.bound(
                 "no_load_speed",
                 joint,
                 low=0.2 * speed,
@@ -321,14 +314,14 @@ class ServoGain(ActuatorEffect, ModelEdit[ActuatorPlace]):
         holds = find_goal(robot.model, actuator.id) >= 0
         if holds:
             kp = -float(robot.model.actuator_biasprm[actuator.id, 1])
-        stiffness = self.make_parameter(
+        stiffness = self.bound(
             "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
         )
         if not holds:
             return (replace(stiffness, unit=f"{actuator.force}/ctrl"),)
         high = 10 * kv + 0.5 * kp
         scale = 0.2 * kv + 0.05 * _typical_torque(robot, actuator) / actuator.speed
-        damping = self.make_parameter(
+        damping = self.bound(
             "kv", actuator, nominal=kv, low=0.0, high=high, scale=scale
         )
         return (stiffness, damping)

@@ -229,7 +229,7 @@ class Effect(ABC):
         """Names of parameters that a finding may state, one tuple for each form."""
         return self.parameter_sets or (tuple(p.name for p in self.parameters),)
 
-    def make_parameter(
+    def bound(
         self,
         name: str,
         element: "Joint | Actuator | Channel | None" = None,

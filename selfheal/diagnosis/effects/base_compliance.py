@@ -86,14 +86,13 @@ class BaseCompliance(
         turns = 2 * np.pi * np.array(START_FREQUENCIES)
         starts = [float(min(inertia * w**2, most / 5)) for w in turns]
         damping = [2 * START_DAMPING_RATIO * np.sqrt(k * inertia) for k in starts]
-        make = self.make_parameter
         k, d = starts[0], float(damping[0])
         parameters = (
-            make("stiffness", low=0.02 * k, high=most, scale=k),
-            make(
+            self.bound("stiffness", low=0.02 * k, high=most, scale=k),
+            self.bound(
                 "damping", nominal=d, low=0.0, high=most * robot.timestep, scale=d
             ),
-        )  # fmt: skip
+        )
         target = f"body:{robot.model.body(place.body).name}"
         values = tuple((a, float(b)) for a, b in zip(starts, damping, strict=True))
         return self.make_term(target, place, parameters, values)

@@ -45,7 +45,7 @@ class Payload(BodyEffect, ModelEdit[BodyPlace]):
     def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         position = [
             replace(
-                self.make_parameter(
+                self.bound(
                     "position",
                     nominal=float(body.far_end[i]),
                     low=float(body.box[i, 0]),
@@ -58,7 +58,7 @@ class Payload(BodyEffect, ModelEdit[BodyPlace]):
         ]
         # a light hand may bear much: as much as all that moves
         most = max(5 * body.subtree_mass, sum(b.mass for b in robot.bodies))
-        mass = self.make_parameter("mass", low=0.0, high=most, scale=0.2 * body.mass)
+        mass = self.bound("mass", low=0.0, high=most, scale=0.2 * body.mass)
         return (mass, *position)
 
     def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
@@ -92,8 +92,7 @@ class ComShift(BodyEffect, ModelEdit[BodyPlace]):
     def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         reach = body.size
         return tuple(
-            self.make_parameter(x, low=-reach, high=reach, scale=0.05 * reach)
-            for x in "xyz"
+            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
         )
 
     def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
@@ -123,7 +122,7 @@ class LinkLength(BodyEffect, ModelEdit[BodyPlace]):
     def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         now = body.length
         return (
-            self.make_parameter(
+            self.bound(
                 "length", nominal=now, low=0.02 * now, high=2 * now, scale=0.1 * now
             ),
         )
@@ -151,8 +150,7 @@ class MountShift(BodyEffect, ModelEdit[BodyPlace]):
     def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         reach = self._max_shift(body)
         return tuple(
-            self.make_parameter(x, low=-reach, high=reach, scale=0.05 * reach)
-            for x in "xyz"
+            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
         )
 
     def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
@@ -226,7 +224,7 @@ class JointJam(JointEffect, ModelEdit[JointPlace]):
 
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         return (
-            self.make_parameter(
+            self.bound(
                 "angle",
                 joint,
                 nominal=joint.late_center,

@@ -57,9 +57,7 @@ class FreeFormTorque(JointEffect, JointForce[MovedPlace]):
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         reach = 3 * joint.torque
         return tuple(
-            self.make_parameter(
-                name, joint, low=-reach, high=reach, scale=0.1 * joint.torque
-            )
+            self.bound(name, joint, low=-reach, high=reach, scale=0.1 * joint.torque)
             for name in BASIS
         )
 

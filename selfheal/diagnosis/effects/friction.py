@@ -69,9 +69,7 @@ class ViscousFriction(FrictionEffect, ModelEdit[JointPlace]):
         now = float(robot.model.dof_damping[joint.dof])
         high = 10 * torque_scale(robot, joint) / joint.speed + 10 * now
         return (
-            self.make_parameter(
-                "damping", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("damping", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
     def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
@@ -104,9 +102,7 @@ class QuadraticDamping(FrictionEffect, ModelEdit[JointPlace]):
         now = float(robot.model.dof_dampingpoly[joint.dof, 0])
         high = 10 * torque_scale(robot, joint) / joint.speed**2 + 10 * now
         return (
-            self.make_parameter(
-                "damping2", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("damping2", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
@@ -129,7 +125,7 @@ class CoulombFriction(FrictionEffect, ModelEdit[JointPlace]):
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
         return (
-            self.make_parameter(
+            self.bound(
                 "frictionloss", joint, nominal=now, low=0.0, high=high, scale=scale
             ),
         )
@@ -149,10 +145,6 @@ def _dry_friction_bounds(
     """Dry friction [N m or N] of a joint: the model's, a search's step, the largest."""
     now = float(robot.model.dof_frictionloss[joint.dof])
     return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
-
-
-# Stribeck velocities that a fit begins with, as shares of the joint's top speed; chosen
-START_SPEEDS = (0.02, 0.1, 0.3)
 
 
 class StribeckFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPlace]):
@@ -175,11 +167,12 @@ class StribeckFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPl
 
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
-        make = self.make_parameter
         return (
-            make("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
-            make("static", joint, nominal=now, low=0.0, high=2 * high, scale=scale),
-            make(
+            self.bound("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
+            self.bound(
+                "static", joint, nominal=now, low=0.0, high=2 * high, scale=scale
+            ),
+            self.bound(
                 "stribeck_velocity",
                 joint,
                 nominal=0.1 * joint.speed,
@@ -245,7 +238,7 @@ class LoadDependentFriction(FrictionEffect, JointForce[GearPlace]):
     needs = frozenset({"actuator_torque", "bias_torque"})
 
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        return (self.make_parameter("load_coefficient", low=0.0, high=1.5, scale=0.1),)
+        return (self.bound("load_coefficient", low=0.0, high=1.5, scale=0.1),)
 
     def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
         return any(a.dof == joint.dof for a in robot.actuators)
@@ -301,9 +294,7 @@ class AsymmetricFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[Joint
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
         return tuple(
-            self.make_parameter(
-                name, joint, nominal=now, low=0.0, high=high, scale=scale
-            )
+            self.bound(name, joint, nominal=now, low=0.0, high=high, scale=scale)
             for name in ("positive", "negative")
         )
 

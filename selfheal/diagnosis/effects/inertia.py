@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 
 def spatial_inertia(model: "MjModel", body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
-    turn = _rotation_matrix(model.body_iquat[body])
+    turn = rotation_matrix(model.body_iquat[body])
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
 
 
-def _rotation_matrix(quaternion: Floats) -> Floats:
+def rotation_matrix(quaternion: Floats) -> Floats:
     """The rotation matrix (3, 3) of a quaternion (4)."""
     import mujoco
 
@@ -40,7 +40,7 @@ def set_spatial_inertia(
     import mujoco
 
     old = model.body_iquat[body].copy()
-    turn = _rotation_matrix(old)
+    turn = rotation_matrix(old)
     moments, further = _principal_axes(turn.T @ inertia @ turn)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, further.ravel())
@@ -70,7 +70,7 @@ def _principal_axes(inertia: Floats) -> tuple[Floats, Floats]:
     return np.diag(turned), axes
 
 
-def _point_inertia(mass: float, at: Floats) -> Floats:
+def point_inertia(mass: float, at: Floats) -> Floats:
     """Inertia (3, 3) [kg m^2] of a point mass [kg] at (3) [m], about the origin."""
     return mass * (at @ at * np.eye(3) - np.outer(at, at))
 
@@ -89,8 +89,8 @@ def add_mass(model: "MjModel", body: int, mass: float, at: Floats) -> None:
     com = (m * c + mass * at) / total
     inertia = (
         spatial_inertia(model, body)
-        + _point_inertia(m, c - com)
-        + _point_inertia(mass, at - com)
+        + point_inertia(m, c - com)
+        + point_inertia(mass, at - com)
     )
     set_spatial_inertia(model, body, total, com, inertia)
 
@@ -117,7 +117,7 @@ def stretch_body(model: "MjModel", body: int, axis: Floats, ratio: float) -> Non
             model.body_pos[child] = grow @ model.body_pos[child]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         model.geom_pos[geom] = grow @ model.geom_pos[geom]
-        along_own = np.abs(_rotation_matrix(model.geom_quat[geom]).T @ axis)
+        along_own = np.abs(rotation_matrix(model.geom_quat[geom]).T @ axis)
         if along_own.max() > 0.99:
             _stretch_geom(model, int(geom), int(along_own.argmax()), ratio)
     for site in np.flatnonzero(model.site_bodyid == body):

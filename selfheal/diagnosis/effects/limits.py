@@ -93,7 +93,7 @@ class HardStop(Effect, ModelEdit[StopPlace]):
         reach = 0.5 * joint.range
         reached = end if np.isinf(stated) else side * max(side * end, side * stated)
         low, high = sorted((end - side * reach, reached + side * reach))
-        stop = self.make_parameter(
+        stop = self.bound(
             "range", joint, nominal=stated, low=low, high=high, scale=0.1 * joint.range
         )
         starts = [end - side * 0.02 * joint.range, end - side * 0.1 * joint.range]
@@ -113,7 +113,7 @@ class HardStop(Effect, ModelEdit[StopPlace]):
         if time < hard or robot.has_only_poses:
             return ()
         return (
-            self.make_parameter(
+            self.bound(
                 "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
             ),
         )
@@ -146,7 +146,7 @@ class TorqueSaturation(ActuatorEffect, ModelEdit[ActuatorPlace]):
         if np.isfinite(stated):
             high = max(high, 2 * stated)
         return (
-            self.make_parameter(
+            self.bound(
                 "limit",
                 actuator,
                 nominal=stated,

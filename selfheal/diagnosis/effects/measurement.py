@@ -42,7 +42,7 @@ class SensorBias(SensorEffect, SensorMap[SignalPlace]):
         """One for each column; those of a vector are called bias_x, bias_y, ..."""
         few = signal.width <= 3
         axes = tuple("xyz"[: signal.width] if few else range(signal.width))
-        bias = self.make_parameter(
+        bias = self.bound(
             "bias",
             signal,
             low=-signal.max_abs,
@@ -78,7 +78,7 @@ class SensorGain(SensorEffect):
 
     def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
         return (
-            self.make_parameter(
+            self.bound(
                 "gain", low=0.3, high=3.0, scale=0.05, resolution=GAIN_RESOLUTION
             ),
         )
@@ -98,11 +98,7 @@ class SensorDelay(SensorEffect):
 
     def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
         least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
-        return (
-            self.make_parameter(
-                "delay", low=0.0, high=0.3, scale=0.01, resolution=least
-            ),
-        )
+        return (self.bound("delay", low=0.0, high=0.3, scale=0.01, resolution=least),)
 
     def make_initial_values(self, robot: RobotSummary, signal: Channel) -> Starts:
         return ((0.005,), (0.03,))
@@ -133,11 +129,7 @@ class Quantization(SensorEffect):
 
     def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
         step = signal.quantum
-        return (
-            self.make_parameter(
-                "step", signal, low=0.0, high=2 * step, scale=0.1 * step
-            ),
-        )
+        return (self.bound("step", signal, low=0.0, high=2 * step, scale=0.1 * step),)
 
     def make_initial_values(self, robot: RobotSummary, signal: Channel) -> Starts:
         return ((signal.quantum,),)

@@ -1,7 +1,7 @@
 """Where an effect acts: takes a compiled model and a name, gives indices into it."""
 
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 
@@ -18,24 +18,21 @@ MOTOR, LINK = "motor", "link"  # where a joint's encoder sits
 P = TypeVar("P", bound="Place")
 
 
-class Numbering(Protocol):
-    """A model with more joints than the given one, and the new numbers of the old."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Numbering:
+    """A model that may have more joints than the given one, whose joints it numbers.
 
-    @property
-    def model(self) -> "MjModel":
-        """The model, compiled."""
+    Attributes:
+        model: compiled; a diverged state is not reset.
+        dof: (nv of the given model) indices of its degrees of freedom in this model.
+        qpos: (nq of the given model) indices of its positions in this model.
+        joint: (njnt of the given model) ids of its joints in this model.
+    """
 
-    @property
-    def joint(self) -> np.ndarray:
-        """(njnt of the given model) ids of its joints in this model."""
-
-    @property
-    def dof(self) -> np.ndarray:
-        """(nv of the given model) indices of its degrees of freedom in this model."""
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """(nq of the given model) indices of its positions in this model."""
+    model: "MjModel"
+    dof: np.ndarray
+    qpos: np.ndarray
+    joint: np.ndarray
 
 
 @dataclass(frozen=True, kw_only=True)

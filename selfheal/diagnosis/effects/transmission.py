@@ -63,9 +63,7 @@ class Armature(TransmissionEffect, ModelEdit[JointPlace]):
         alike = [j.inertia for j in robot.joints if j.unit == joint.unit]
         high, scale = now * 10 + 300 * max(alike), 0.3 * joint.inertia
         return (
-            self.make_parameter(
-                "armature", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("armature", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
     def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
@@ -105,10 +103,13 @@ class JointSpring(TransmissionEffect, ModelEdit[JointPlace]):
         first = min(ref, joint.range_center) - reach
         last = max(ref, joint.range_center) + reach
         most, known = high + 10 * now, SPRINGREF_RESOLUTION * joint.range
-        make = self.make_parameter
         return (
-            make("stiffness", joint, nominal=now, low=0.0, high=most, scale=scale),
-            make("springref", joint, nominal=ref, low=first, high=last, scale=known),
+            self.bound(
+                "stiffness", joint, nominal=now, low=0.0, high=most, scale=scale
+            ),
+            self.bound(
+                "springref", joint, nominal=ref, low=first, high=last, scale=known
+            ),
         )
 
     def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
@@ -144,12 +145,11 @@ class Cogging(TransmissionEffect, JointForce[JointPlace]):
         scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
         least, apart = self._count_bounds(joint)
         few, many, step = 2.5 * least, 50 * least, 0.5 * apart
-        make = self.make_parameter
         return (
-            make("amplitude", joint, low=0.0, high=high, scale=scale),
-            make("poles", nominal=few, low=least, high=many, scale=step),
+            self.bound("amplitude", joint, low=0.0, high=high, scale=scale),
+            self.bound("poles", nominal=few, low=least, high=many, scale=step),
             # an angle of the wave, also at a slide
-            make("phase", low=-10.0, high=10.0, scale=0.5),
+            self.bound("phase", low=-10.0, high=10.0, scale=0.5),
         )
 
     def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
@@ -242,8 +242,8 @@ class JointCoupling(Effect, JointForce[CoupledPlace]):
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range
         parameters = (
-            self.make_parameter("stiffness", a, low=0.0, high=high, scale=scale),
-            self.make_parameter("ratio", low=-5.0, high=5.0, scale=0.3),
+            self.bound("stiffness", a, low=0.0, high=high, scale=scale),
+            self.bound("ratio", low=-5.0, high=5.0, scale=0.3),
         )
         place = _couple(joint_place(robot.model, a.id), f"joint:{b.name}", b)
         sizes = (min(k * scale, high) for k in (0.2, 2.0, 15.0))
@@ -305,9 +305,7 @@ class Backlash(SecondJointEffect):
 
     def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale = 0.03 * joint.range
-        return (
-            self.make_parameter("gap", joint, low=0.0, high=joint.range, scale=scale),
-        )
+        return (self.bound("gap", joint, low=0.0, high=joint.range, scale=scale),)
 
     def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         # a gap twice as wide as the true one explains as little as none
@@ -345,10 +343,9 @@ class Compliance(SecondJointEffect):
         damped = most * robot.timestep  # stops all that the joint does in one step
         k = min(joint.torque / (0.03 * joint.range), most / 5)
         d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
-        make = self.make_parameter
         return (
-            make("stiffness", joint, low=0.02 * k, high=most, scale=k),
-            make("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
+            self.bound("stiffness", joint, low=0.02 * k, high=most, scale=k),
+            self.bound("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
         )
 
     def _max_stiffness(self, robot: RobotSummary, joint: Joint) -> float:

@@ -58,10 +58,10 @@ class Slope(WorldEffect, ModelEdit[Place]):
         """One term of any azimuth, or two of a robot whose parts move in one plane."""
         if not np.linalg.norm(robot.model.opt.gravity):
             return []
-        tilt = self.make_parameter("tilt", low=0.0, high=MAX_TILT, scale=0.03)
+        tilt = self.bound("tilt", low=0.0, high=MAX_TILT, scale=0.03)
         plane = _find_plane_azimuths(robot.model)
         if plane is None:
-            azimuth = self.make_parameter("azimuth", low=-10.0, high=10.0, scale=0.5)
+            azimuth = self.bound("azimuth", low=-10.0, high=10.0, scale=0.5)
             turns = np.deg2rad((0, 90, 180, -90))
             starts = tuple((0.05, float(a)) for a in turns)
             return [self.make_term("world", SlopePlace(), (tilt, azimuth), starts)]
@@ -69,7 +69,7 @@ class Slope(WorldEffect, ModelEdit[Place]):
         found = []
         for side, a in enumerate(plane):
             low, high = a - TILT_TOLERANCE, a + TILT_TOLERANCE
-            azimuth = self.make_parameter(
+            azimuth = self.bound(
                 "azimuth", nominal=a, low=low, high=high, scale=TILT_TOLERANCE
             )
             place, starts = SlopePlace(side=1 - 2 * side), ((0.05, a),)
@@ -158,7 +158,7 @@ class FluidDrag(WorldEffect, ModelEdit[FluidPlace]):
     def _make_term(
         self, name: str, now: float, high: float, starts: Sequence[float]
     ) -> Term:
-        parameter = self.make_parameter(
+        parameter = self.bound(
             name, nominal=float(now), low=0.0, high=high, scale=starts[1]
         )
         place, each = FluidPlace(field=name), tuple((s,) for s in starts)
@@ -188,12 +188,8 @@ class Wind(WorldEffect, ModelEdit[Place]):
         speed, wind = _terminal_speed(robot), robot.model.opt.wind
         most = max(50.0, speed)
         axes = tuple(
-            self.make_parameter(
-                "v" + x,
-                nominal=float(wind[i]),
-                low=-most,
-                high=most,
-                scale=0.1 * speed,
+            self.bound(
+                "v" + x, nominal=float(wind[i]), low=-most, high=most, scale=0.1 * speed
             )
             for i, x in enumerate("xyz")
         )
@@ -294,7 +290,7 @@ class GroundFriction(GroundEffect, ModelEdit[GeomsPlace]):
             return []
         sides = _find_deciding_sides(robot.model, place)
         now = _largest_friction(robot.model, sides)
-        parameter = self.make_parameter(
+        parameter = self.bound(
             "friction", nominal=now, low=0.0, high=max(5.0, 2 * now), scale=0.2
         )
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
@@ -341,16 +337,15 @@ class GroundCompliance(GroundEffect, ModelEdit[GeomsPlace]):
             return []
         time, ratio = map(float, _mean_solref(robot.model, sides))
         least = 2 * robot.timestep  # MuJoCo computes no shorter one
-        make = self.make_parameter
         parameters = (
-            make(
+            self.bound(
                 "timeconst",
                 nominal=time,
                 low=least,
                 high=max(0.3, 2 * time),
                 scale=0.005,
             ),
-            make(
+            self.bound(
                 "dampratio",
                 nominal=ratio,
                 low=0.02,

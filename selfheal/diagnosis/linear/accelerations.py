@@ -58,7 +58,7 @@ def compute_accelerations(
     moments: Segments,
     state_offset: Floats,
     *,
-    in_steps: bool = False,
+    in_steps: bool,
 ) -> Dynamics:
     """Accelerations of n hypotheses where W segments begin: forward dynamics.
 

@@ -209,9 +209,7 @@ def choose_coarsening(simulator: Simulator) -> int:
         some = np.linspace(0, len(segments) - 1, COARSENING_SEGMENTS).astype(int)
         segments = segments.select(np.unique(some))
         pairs = (coarse, segments), (simulator, segments.with_finer_steps(count))
-        predicted = [
-            s.simulate((), np.zeros((1, 0)), w, centered=True)[0] for s, w in pairs
-        ]
+        predicted = [s.leapfrog.simulate((), np.zeros((1, 0)), w)[0] for s, w in pairs]
         change = (predicted[0] - predicted[1]) ** 2
         change[~np.isfinite(segments.readings)] = 0.0
         if (np.sqrt(change.mean(axis=0)) <= MAX_COARSENING_ERROR * noise).all():

@@ -12,7 +12,7 @@ from ...mujoco_files import delete_unused_meshes, list_visual_meshes
 from ...recording import load_model, read_spec
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.places import AddedJointPlace, JointPlace
+from ..effects.places import AddedJointPlace, JointPlace, Numbering
 from ..effects.protocols import JointAddition, ModelEdit
 
 if TYPE_CHECKING:
@@ -28,24 +28,16 @@ _EDITED_FIELDS = tuple(
 _MESH_FIELDS = "geom_type", "geom_dataid", "geom_aabb", "body_bvhadr", "body_bvhnum"
 
 
-@dataclass(frozen=True, eq=False)
-class ModelVariant:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelVariant(Numbering):
     """A compiled model with the joints that some terms add.
 
     Attributes:
-        model: compiled; a diverged state is not reset.
         twin: the same with boxes in place of meshes, to copy and to edit; it touches
             otherwise.
-        dof: (nv of the given model) indices of its degrees of freedom in this model.
-        qpos: (nq of the given model) indices of its positions in this model.
-        joint: (njnt of the given model) ids of its joints in this model.
     """
 
-    model: "mujoco.MjModel"
     twin: "mujoco.MjModel"
-    dof: np.ndarray
-    qpos: np.ndarray
-    joint: np.ndarray
 
     @property
     def is_single_stage(self) -> bool:
@@ -238,7 +230,7 @@ class ModelCompiler:
             qpos[a : a + nq] = np.arange(b, b + nq)
             a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
             dof[a : a + nv] = np.arange(b, b + nv)
-        return ModelVariant(model, twin, dof, qpos, joint)
+        return ModelVariant(model=model, twin=twin, dof=dof, qpos=qpos, joint=joint)
 
 
 def _find_joint(place: AddedJointPlace) -> int:

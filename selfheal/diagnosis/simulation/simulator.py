@@ -40,11 +40,14 @@ class Simulator(RecordedSystem):
     where these hold for both.
 
     Attributes:
+        centered: whether commands, initial velocities and velocities read lie in time
+            as a leapfrog has them, rather than as a user of MuJoCo would.
         checkpoint: keeps the results of fits on disk.
         counter: of the segments simulated.
         cache: keeps what no hypothesis changes.
     """
 
+    centered: bool = False
     checkpoint: Checkpoint = field(default_factory=Checkpoint, compare=False)
     counter: SimulationCounter = field(default_factory=SimulationCounter, compare=False)
     cache: SimulationCache = field(default_factory=SimulationCache, compare=False)
@@ -56,7 +59,6 @@ class Simulator(RecordedSystem):
         segments: Segments,
         *,
         initial_state_offset: Floats | None = None,
-        centered: bool = False,
     ) -> Floats:
         """Predict what the sensors would read.
 
@@ -77,8 +79,6 @@ class Simulator(RecordedSystem):
             initial_state_offset: (n, W, 2 nv) added to the initial states, positions
                 and then velocities in the given model's degrees of freedom [rad or m,
                 and per s].
-            centered: whether commands, initial velocities and velocities read lie in
-                time as a leapfrog has them, rather than as a user of MuJoCo would.
 
         Returns:
             (n, M, C) readings [each channel's unit]; NaN after a hypothesis diverged.
@@ -86,7 +86,7 @@ class Simulator(RecordedSystem):
         values = np.atleast_2d(values)
         if not any(t.onset for t in terms):
             return self._simulate_in_batches(
-                terms, values, segments, initial_state_offset, centered
+                terms, values, segments, initial_state_offset
             )
         is_active = self.find_active_terms(terms, segments)
         term_of_value = np.repeat(
@@ -102,7 +102,6 @@ class Simulator(RecordedSystem):
                 None
                 if initial_state_offset is None
                 else initial_state_offset[:, chosen],
-                centered,
             )
         return predicted
 
@@ -135,7 +134,6 @@ class Simulator(RecordedSystem):
         values: Floats,
         segments: Segments,
         initial_state_offset: Floats | None,
-        centered: bool,
     ) -> Floats:
         """Simulate terms without an onset, as many hypotheses at once as memory holds.
 
@@ -154,7 +152,6 @@ class Simulator(RecordedSystem):
                 values[some],
                 segments,
                 None if offset is None else offset[some],
-                centered,
             )
         return predicted
 
@@ -172,11 +169,10 @@ class Simulator(RecordedSystem):
         values: Floats,
         segments: Segments,
         initial_state_offset: Floats | None,
-        centered: bool,
     ) -> Floats:
         """Simulate all hypotheses at once; arguments and result as of `simulate`."""
         self.counter.add(len(values) * len(segments))
-        hypotheses = self.build_hypotheses(terms, values, centered)
+        hypotheses = self.build_hypotheses(terms, values, self.centered)
         initial = InitialStates(self, self.cache, hypotheses, segments).compute(
             initial_state_offset
         )
@@ -188,7 +184,7 @@ class Simulator(RecordedSystem):
             hypotheses,
             segments,
             centered=hypotheses.centered,
-            mean=centered,
+            mean=self.centered,
         )
         predicted = simulate_batch(
             hypotheses,
@@ -219,7 +215,7 @@ class Simulator(RecordedSystem):
         Args:
             terms: effects that the given model lacks.
             values: (n, P) of all terms' parameters, a row a hypothesis.
-            centered: as `simulate` has it.
+            centered: as `Simulator` has it.
         """
         variant = self.compiler.compile_variant(
             terms, leaping=centered, touching=self.has_contact or not centered
@@ -254,6 +250,11 @@ class Simulator(RecordedSystem):
         *arrays, simulated = self.checkpoint.load_or_compute(compute, compute_and_count)
         self.counter.count = begin + int(simulated)
         return tuple(arrays)
+
+    @cached_property
+    def leapfrog(self) -> "Simulator":
+        """This simulator whose steps are a leapfrog's (`simulate`)."""
+        return replace(self, centered=True)
 
     @cached_property
     def with_half_step(self) -> "Simulator":

@@ -55,8 +55,8 @@ def test_a_mount_that_gives_is_found_with_its_stiffness(standing):
     (_, term) = EFFECT.propose_terms(standing.robot)
     hidden = term.initial_values[0][0] * 1.7, term.initial_values[0][1]
     segments = cut_segments(standing.simulator.episodes, 150)
-    readings = standing.simulator.simulate(
-        (term,), np.array([hidden]), segments, centered=True
+    readings = standing.simulator.leapfrog.simulate(
+        (term,), np.array([hidden]), segments
     )[0]
     problem = Problem(
         standing.simulator, replace(segments, readings=readings), np.full(5, 1e-3)

@@ -64,7 +64,7 @@ class GravityCompensation(WorldEffect, ModelEdit[BodiesPlace]):
         if not bodies or not _bear_motors_all(model, bodies):
             return []
         now = float(model.body_gravcomp[bodies[0]])
-        parameter = self.make_parameter(
+        parameter = self.bound(
             "gravcomp", nominal=now, low=0.0, high=MAX_GRAVCOMP, scale=0.3,
             resolution=MIN_CHANGE,
         )  # fmt: skip

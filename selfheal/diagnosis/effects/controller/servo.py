@@ -51,11 +51,7 @@ class VelocityFeedforward(ActuatorEffect, CommandFilter[ActuatorPlace]):
 
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = SAME_INSTANT_STEPS * robot.timestep
-        return (
-            self.make_parameter(
-                "lead", low=0.0, high=0.5, scale=0.01, resolution=least
-            ),
-        )
+        return (self.bound("lead", low=0.0, high=0.5, scale=0.01, resolution=least),)
 
     def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         """That which undoes the servo's own damping."""
@@ -99,11 +95,7 @@ class DeadBand(ActuatorEffect, JointForce[ActuatorPlace]):
 
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         most = actuator.max_force
-        return (
-            self.make_parameter(
-                "width", actuator, low=0.0, high=most, scale=0.1 * most
-            ),
-        )
+        return (self.bound("width", actuator, low=0.0, high=most, scale=0.1 * most),)
 
     def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return tuple((share * actuator.max_force,) for share in (0.03, 0.15))
@@ -176,10 +168,9 @@ class IntegralAction(ActuatorEffect, JointForce[ActuatorPlace]):
     def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         kp, _ = get_servo_gains(robot.model, actuator.id)
         most = actuator.max_force
-        make = self.make_parameter
         return (
-            make("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
-            make(
+            self.bound("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
+            self.bound(
                 "imax",
                 actuator,
                 nominal=most,

@@ -48,9 +48,10 @@ class ClockShift(WorldEffect, CommandFilter[ControlsPlace]):
         if robot.model.nactuator < 2 or not place.controls:
             return []
         least = SAME_INSTANT_STEPS * robot.timestep
-        parameter = self.make_parameter(
+        least = max(robot.contact_timing_error, least)
+        parameter = self.bound(
             "shift", low=-MAX_LOOK_AHEAD, high=MAX_LOOK_AHEAD, scale=0.01,
-            resolution=max(robot.contact_timing_error, least),
+            resolution=least,
         )  # fmt: skip
         starts = ((0.005,), (0.02,), (0.06,), (-0.02,))
         return [self.make_term("world", place, (parameter,), starts)]
@@ -92,7 +93,7 @@ class TorqueConstant(WorldEffect, ModelEdit[SignalPlace], SensorMap[SignalPlace]
         affine = [has_affine_force(model, a) for a in range(model.nactuator)]
         if not (affine and all(affine) and (len(affine) > 1 or reported)):
             return []
-        parameter = self.make_parameter("gain", low=0.1, high=10.0, scale=0.2)
+        parameter = self.bound("gain", low=0.1, high=10.0, scale=0.2)
         place, starts = SignalPlace(kind=TORQUE_SIGNAL), ((0.7,), (1.4,))
         return [self.make_term("world", place, (parameter,), starts)]
 
