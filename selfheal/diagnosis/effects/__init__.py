@@ -73,7 +73,7 @@ def check_declaration(effect: Effect) -> None:
         fits = ", ".join(TARGET_KINDS)
         raise InputError(f"{who}: target_kinds is {kinds!r}; would fit some of: {fits}")
     if not isinstance(effect, ModelEdit | CommandFilter | JointForce | SensorMap):
-        fits = "a base of effects.protocols, with its method"
+        fits = "a method of effects.protocols, edit_model perhaps"
         raise InputError(f"{who} acts in no way; would fit: {fits}")
     names = [p.name for p in effect.parameters]
     fits = ", ".join((*names, *PLACEHOLDERS))

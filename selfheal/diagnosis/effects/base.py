@@ -153,7 +153,7 @@ class Effect(ABC):
     """Physics that a model may lack; at its nominal values it changes nothing.
 
     A subclass declares the attributes, overrides `propose_terms`, and has one or two
-    of the `protocols` as further bases, by which it acts. Values are (p), or (N, p)
+    of the methods of `protocols`, by which it acts. Values are (p), or (N, p)
     where N simulations run at once. The schema of diagnosis.json, the report and
     docs/effects.md are derived from the attributes.
 
@@ -177,6 +177,8 @@ class Effect(ABC):
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
         log_odds: before any data, at one place, beside what is usual [nats].
+        needs: fields of `StepState`, beyond the state, commands and what is added to,
+            that `apply_forces` reads or changes.
     """
 
     name = ""
@@ -192,6 +194,7 @@ class Effect(ABC):
     finding_fields: tuple[FindingField, ...] = ()
     overrides: tuple[str, ...] = ()
     log_odds = UNUSUAL
+    needs: frozenset[str] = frozenset()
 
     def __init_subclass__(cls) -> None:
         """Make the docstring of an effect that has none of its own."""

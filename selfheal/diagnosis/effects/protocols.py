@@ -35,7 +35,7 @@ class StepState:
         applied_force: (N, nv) of effects, to be added to [N m or N].
         frictionloss: (N, nv) dry friction of the step, to be changed [N m or N].
         forcerange: (N, nactuator, 2) of the actuators, to be changed [actuator's
-            unit]; None where no effect names it in `JointForce.needs`.
+            unit]; None where no effect names it in `Effect.needs`.
         integral_errors: (N) of each integrating servo by its id, to be added to
             [rad s or m s].
         timestep: of the simulation [s].
@@ -100,14 +100,9 @@ class CommandFilter(Protocol[P]):
 
 @runtime_checkable
 class JointForce(Protocol[P]):
-    """A force at joints, or a change of friction and limits, at every step.
+    """A force at joints, or a change of friction and limits, at every step."""
 
-    Attributes:
-        needs: fields of `StepState`, beyond the state, commands and what is added to,
-            that it reads or changes.
-    """
-
-    needs: frozenset[str] = frozenset()
+    needs: frozenset[str]
 
     @abstractmethod
     def apply_forces(self, state: StepState, place: P, values: Floats) -> None:

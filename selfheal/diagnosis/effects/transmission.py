@@ -231,13 +231,7 @@ class JointCoupling(Effect, JointForce[CoupledPlace]):
         ]
 
     def _make_term(self, robot: RobotSummary, a: Joint, b: Joint) -> Term:
-        """The term of a spring between two joints.
-
-        Args:
-            robot: with the joints.
-            a: the joint that the term is at.
-            b: the other joint.
-        """
+        """The term of a spring between two joints."""
         # what both bear: the weaker joint's, or a start is far from all that could be
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range

@@ -165,12 +165,12 @@ def _begin(
         state_offset: (n, W, 2 nv) as of `compute_accelerations`.
     """
     hypotheses = simulator.build_hypotheses(terms, values, centered=False)
-    initial = InitialStates(simulator, simulator.cache, hypotheses, moments)
+    initial = InitialStates(simulator, hypotheses, moments)
     around = simulator.cache.load_or_compute(
         moments, "steps around", lambda: _shift_back(moments)
     )
     commands = compute_commands(
-        simulator, simulator.cache, hypotheses, around, centered=True, mean=True
+        simulator, hypotheses, around, centered=True, mean=True
     )[:, : int(moments.lengths.max())]
     return hypotheses, initial.compute(state_offset), commands.mean(axis=1)
 

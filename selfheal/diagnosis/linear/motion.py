@@ -170,7 +170,7 @@ class MeasuredMotion:
         """States (W) that a simulation of the given model begins at."""
         simulator, moments = self.simulator, self.moments
         hypotheses = simulator.build_hypotheses([], np.zeros((1, 0)), centered=False)
-        states = InitialStates(simulator, simulator.cache, hypotheses, moments)
+        states = InitialStates(simulator, hypotheses, moments)
         found, variant = states.compute(None), hypotheses.variant
         qpos, qvel = found.qpos[:, variant.qpos], found.qvel[:, variant.dof]
         return replace(found, qpos=qpos, qvel=qvel)

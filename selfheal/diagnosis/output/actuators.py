@@ -85,13 +85,7 @@ def _find_drives(model: "mujoco.MjModel") -> dict[int, list[int]]:
 def _describe_joint(
     model: "mujoco.MjModel", name: str, drives: Mapping[int, list[int]]
 ) -> dict[str, Any]:
-    """What a model states of a joint; what is zero it does not state.
-
-    Args:
-        model: compiled.
-        name: of the joint.
-        drives: actuators of each joint.
-    """
+    """What a model states of a joint; what is zero it does not state."""
     j = model.joint(name).id
     dof, own = int(model.jnt_dofadr[j]), drives.get(j, [])
     gears = {a: float(model.actuator_gear[find_output(model, a), 0]) for a in own}
@@ -114,13 +108,7 @@ def _describe_joint(
 def _describe_drive(
     model: "mujoco.MjModel", actuator: int, gear: float
 ) -> dict[str, Any]:
-    """The control law of an actuator; empty where it has no other name than its own.
-
-    Args:
-        model: compiled.
-        actuator: its id.
-        gear: of its joint.
-    """
+    """The control law of an actuator; empty where it has no other name than its own."""
     gain = float(model.actuator_gainprm[actuator, 0])
     kv = -float(model.actuator_biasprm[actuator, 2])
     law: dict[str, Any]
@@ -151,13 +139,7 @@ def _describe_drive(
 def _find_effort_limit(
     model: "mujoco.MjModel", j: int, drive: int | None
 ) -> float | None:
-    """The largest effort at a joint; None where nothing limits it.
-
-    Args:
-        model: compiled.
-        j: id of the joint.
-        drive: id of the actuator that drives it, if any.
-    """
+    """The largest effort at a joint; None where nothing limits it."""
     if drive is not None:
         limit = stated_limit(model, drive)
     elif model.jnt_actfrclimited[j]:

@@ -91,13 +91,7 @@ def _find_joints(robot: RobotSummary, c: Channel) -> list[int]:
 
 
 def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _Motion:
-    """The motion of an episode, from its readings and the nominal model.
-
-    Args:
-        simulator: with the episode.
-        robot: whose joints are looked at.
-        index: of the episode.
-    """
+    """The motion of an episode, from its readings and the nominal model."""
     import mujoco
 
     model, episode = simulator.compiler.nominal, simulator.episodes[index]

@@ -79,14 +79,7 @@ def _edit_joints(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterato
 def _joint_attributes(
     source: ModelSource, old: "MjModel", new: "MjModel", j: int
 ) -> dict[str, str | None]:
-    """Attributes of a joint whose values differ between two models.
-
-    Args:
-        source: what the text states.
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-        j: id of the joint.
-    """
+    """Attributes of a joint whose values differ between two models."""
     v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
     attributes: dict[str, str | None] = {}
     damping = [np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)]

@@ -70,12 +70,6 @@ def _edit_force_law(
     """Attributes of gain and bias where they differ, in the form that the tag has.
 
     A tag that has no such form gets those of <general>.
-
-    Args:
-        tag: of the actuator.
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-        a: id of the actuator.
     """
     gain, bias = new.actuator_gainprm[a, :3], new.actuator_biasprm[a, :3]
     before = [old.actuator_gainprm[a, :3], old.actuator_biasprm[a, :3]]

@@ -56,14 +56,7 @@ def edit_bodies(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator
 def _edit_inertial(
     source: ModelSource, name: str | int, new: "MjModel", body: int
 ) -> Edit:
-    """The edit that gives a body's text the mass and inertia of the new model.
-
-    Args:
-        source: what the text states.
-        name: of the body in the text.
-        new: compiled, as the text is to be.
-        body: its id.
-    """
+    """The edit that gives a body's text the mass and inertia of the new model."""
     place, turn = (_drop_rounding(v[body]) for v in (new.body_ipos, new.body_iquat))
     if not source.states_inertia(body):
         attributes = {"pos": place, "quat": turn, "mass": new.body_mass[body],
@@ -82,14 +75,7 @@ def _edit_inertial(
 def _edit_moments(
     source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> dict[str, str | None]:
-    """Attributes of a stated inertia's moments, in the form that the text has.
-
-    Args:
-        source: what the text states.
-        element: of the body in the spec.
-        new: compiled, as the text is to be.
-        body: its id.
-    """
+    """Attributes of a stated inertia's moments, in the form that the text has."""
     if np.isfinite(element.fullinertia[0]):
         tensor = spatial_inertia(new, body)
         full = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -111,12 +97,6 @@ def _stated_axes_inertia(
     source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> Floats | None:
     """Principal moments (3) [kg m^2] about the axes that the text states.
-
-    Args:
-        source: what the text states.
-        element: of the body in the spec.
-        new: compiled, as the text is to be.
-        body: its id.
 
     Returns:
         None where the principal axes are others now.

@@ -244,13 +244,7 @@ def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
 
 
 def _extend_state(episode: Episode, model: "MjModel", added: Sequence[int]) -> Episode:
-    """The episode with its given state, if any, in which added joints start at 0.
-
-    Args:
-        episode: in the joints of the model that was diagnosed.
-        model: compiled, with the joints that a patch added.
-        added: their ids.
-    """
+    """The episode with its given state, if any, in which added joints start at 0."""
 
     def extend(given: Floats | None, size: int, places: np.ndarray) -> Floats | None:
         """A state of `size` numbers, of which those of added joints are not given."""

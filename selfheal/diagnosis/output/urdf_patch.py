@@ -147,13 +147,7 @@ class UrdfPatch:
         self._move_child(element, int(old.jnt_bodyid[a.id]), int(new.jnt_bodyid[b.id]))
 
     def _move_child(self, element: Element, old_body: int, new_body: int) -> None:
-        """Edit where a joint's child is attached, if its parent link is a body.
-
-        Args:
-            element: of the joint.
-            old_body: id of the child in the given model.
-            new_body: its id in the patched one.
-        """
+        """Edit where a joint's child is attached, if its parent link is a body."""
         old, new = self._given, self._patched
         parents = [e.get("link") for e in element.elements() if e.tag == "parent"]
         above = old.body(int(old.body_parentid[old_body])).name
@@ -312,15 +306,7 @@ def _describe_difference(
     field: str,
     said: str,
 ) -> Iterator[str]:
-    """Where a field differs between two models, in words.
-
-    Args:
-        urdf: compiled.
-        patched: compiled.
-        ids: of joints or bodies in both models, by name.
-        field: of MjModel.
-        said: what a user calls it.
-    """
+    """Where a field differs between two models, in words."""
     values = [getattr(model, field) for model in (urdf, patched)]
     far = []
     for name, pair in ids.items():

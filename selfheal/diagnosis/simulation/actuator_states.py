@@ -16,7 +16,6 @@ from ..effects.commands import delay_column, limit_rate_of_column
 from ..effects.controller.servo import SETTLED, IntegralAction, IntegratorPlace
 from ..effects.places import ActuatorPlace, actuator_place
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .commands import transform_commands
 from .model_variants import ModelVariant
 from .system import RecordedSystem
@@ -101,7 +100,6 @@ def fill_histories(
 
 def integrate_servo_errors(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
 ) -> dict[int, Floats]:
@@ -109,7 +107,6 @@ def integrate_servo_errors(
 
     Args:
         system: that is simulated.
-        cache: of the errors that each step adds.
         hypotheses: n of them.
         segments: W of them.
 
@@ -121,7 +118,7 @@ def integrate_servo_errors(
         for place in term.places:
             if isinstance(place, IntegratorPlace):
                 bounds = IntegralAction.max_integral(values)
-                servo = _IntegratingServo(system, cache, hypotheses.variant, place)
+                servo = _IntegratingServo(system, hypotheses.variant, place)
                 each = zip(hypotheses.models, values[:, 0], bounds, strict=True)
                 errors[place.actuator] = np.concatenate(
                     [servo.integrate(segments, *hypothesis) for hypothesis in each]
@@ -138,11 +135,10 @@ class _IntegratingServo:
     def __init__(
         self,
         system: RecordedSystem,
-        cache: SimulationCache,
         variant: ModelVariant,
         place: IntegratorPlace,
     ) -> None:
-        self.system, self.cache = system, cache
+        self.system = system
         self.variant, self.place = variant, place
 
     def integrate(
@@ -168,7 +164,7 @@ class _IntegratingServo:
         integrated = segments.episode[(segments.first_step > 0) | is_settled]
         for episode in np.unique(integrated):
             rows = np.flatnonzero(segments.episode == episode)
-            added = self.cache.load_or_compute(
+            added = self.system.cache.load_or_compute(
                 segments,
                 ("servo errors", place.actuator, episode),
                 partial(_servo_errors, system, system.episodes[episode], place),
@@ -202,7 +198,7 @@ class _IntegratingServo:
         """
         variant = self.variant
         dof = self.place.renumber(variant).dof
-        motion = self.cache.load_or_compute(
+        motion = self.system.cache.load_or_compute(
             segments,
             ("first motion", episode),
             partial(_estimate_motion, self.system, episode, at),

@@ -45,6 +45,11 @@ class Hypotheses:
     reading_changes: Mapping[str, Mapping[str, Floats]]
     centered: bool
 
+    @property
+    def timestep(self) -> float:
+        """Of their simulation [s]."""
+        return float(self.models[0].opt.timestep)
+
 
 @dataclass(frozen=True, eq=False)
 class BatchState:

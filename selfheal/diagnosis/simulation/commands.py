@@ -12,13 +12,11 @@ from ..effects.commands import MAX_LOOK_AHEAD, CommandGrid
 from ..effects.places import ControlsPlace
 from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .system import RecordedSystem
 
 
 def compute_commands(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     *,
@@ -29,7 +27,6 @@ def compute_commands(
 
     Args:
         system: that is simulated.
-        cache: of the commands that no effect changes.
         hypotheses: n of them.
         segments: W of them.
         centered: as `transform_commands` has it.
@@ -40,7 +37,7 @@ def compute_commands(
     """
     terms = hypotheses.terms
     if not any(isinstance(t.effect, CommandFilter) for t in terms):
-        sent = cache.load_or_compute(
+        sent = system.cache.load_or_compute(
             segments,
             ("commands", centered),
             lambda: _cut_commands(

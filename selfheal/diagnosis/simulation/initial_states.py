@@ -16,7 +16,6 @@ from .actuator_states import (
     integrate_servo_errors,
 )
 from .batch import BatchState, Hypotheses
-from .cache import SimulationCache
 from .system import RecordedSystem
 
 
@@ -31,7 +30,6 @@ class InitialStates:
     def __init__(
         self,
         system: RecordedSystem,
-        cache: SimulationCache,
         hypotheses: Hypotheses,
         segments: Segments,
     ) -> None:
@@ -39,11 +37,10 @@ class InitialStates:
 
         Args:
             system: that is simulated.
-            cache: of the system's states and servo errors.
             hypotheses: n of them.
             segments: W of them.
         """
-        self.system, self.cache = system, cache
+        self.system = system
         self.hypotheses, self.segments = hypotheses, segments
 
     def compute(self, initial_state_offset: Floats | None) -> BatchState:
@@ -73,7 +70,7 @@ class InitialStates:
             q.reshape(n * w, -1),
             v.reshape(n * w, -1),
             compute_activations(system, hypotheses, segments),
-            integrate_servo_errors(system, self.cache, hypotheses, segments),
+            integrate_servo_errors(system, hypotheses, segments),
             None if histories is None else np.tile(histories, (n, 1)),
         )
 
@@ -83,7 +80,7 @@ class InitialStates:
         if self.hypotheses.reading_changes:
             qpos, qvel = self._estimate_states(n)
         else:
-            qpos, qvel = self.cache.load_or_compute(
+            qpos, qvel = self.system.cache.load_or_compute(
                 self.segments, "initial states", lambda: self._estimate_states(1)
             )
         shape = (n, len(self.segments))
@@ -120,7 +117,7 @@ class InitialStates:
 
     def _follow_loops(self, offset: Floats) -> Floats:
         """Offsets (n, W, 2 nv) in which joints that loops place follow the others."""
-        response = self.cache.load_or_compute(
+        response = self.system.cache.load_or_compute(
             self.segments, "loop responses", self._loop_responses
         )
         parts = np.split(offset, 2, axis=-1)

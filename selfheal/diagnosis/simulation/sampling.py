@@ -12,7 +12,6 @@ from ..data.segments import Segments
 from ..effects.places import ControlsPlace
 from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .commands import compute_commands
 from .system import RecordedSystem
 
@@ -46,7 +45,6 @@ def find_sampled_steps(
 
 def sample_signals(
     system: RecordedSystem,
-    cache: SimulationCache,
     predicted: Floats,
     hypotheses: Hypotheses,
     segments: Segments,
@@ -59,7 +57,6 @@ def sample_signals(
 
     Args:
         system: that was simulated.
-        cache: of the system's commands.
         predicted: (n, W, K, C) true signals at each step [each channel's unit].
         hypotheses: n of them.
         segments: W of them, with M samples.
@@ -78,7 +75,7 @@ def sample_signals(
             value /= np.linalg.norm(value, axis=-1, keepdims=True)
         if c.kind == "joint_torque":
             _correct_torques(
-                system, cache, value[..., 0], c, hypotheses, segments, at, commands
+                system, value[..., 0], c, hypotheses, segments, at, commands
             )
         gain = change.get("gain", np.ones(1))[:, None, None]
         bias = change.get("bias", np.zeros((1, 1)))[:, None]
@@ -92,7 +89,6 @@ def sample_signals(
 
 def _correct_torques(
     system: RecordedSystem,
-    cache: SimulationCache,
     torque: Floats,
     channel: Channel,
     hypotheses: Hypotheses,
@@ -106,7 +102,6 @@ def _correct_torques(
 
     Args:
         system: that was simulated.
-        cache: of the system's commands.
         torque: (n, M) of the actuator [N m or N]; changed.
         channel: of the torque.
         hypotheses: n of them.
@@ -128,7 +123,7 @@ def _correct_torques(
     }
     if not filtered.isdisjoint(controls):
         reaching = compute_commands(
-            system, cache, hypotheses, segments, centered=False, mean=False
+            system, hypotheses, segments, centered=False, mean=False
         ).reshape(commands.shape)
         sent = _interpolate(reaching[..., controls], segments, at)
     else:

@@ -44,13 +44,11 @@ class Simulator(RecordedSystem):
             as a leapfrog has them, rather than as a user of MuJoCo would.
         checkpoint: keeps the results of fits on disk.
         counter: of the segments simulated.
-        cache: keeps what no hypothesis changes.
     """
 
     centered: bool = False
     checkpoint: Checkpoint = field(default_factory=Checkpoint, compare=False)
     counter: SimulationCounter = field(default_factory=SimulationCounter, compare=False)
-    cache: SimulationCache = field(default_factory=SimulationCache, compare=False)
 
     def simulate(
         self,
@@ -173,14 +171,13 @@ class Simulator(RecordedSystem):
         """Simulate all hypotheses at once; arguments and result as of `simulate`."""
         self.counter.add(len(values) * len(segments))
         hypotheses = self.build_hypotheses(terms, values, self.centered)
-        initial = InitialStates(self, self.cache, hypotheses, segments).compute(
+        initial = InitialStates(self, hypotheses, segments).compute(
             initial_state_offset
         )
         if has_added_joint(terms):
-            warm_up_added_joints(self, self.cache, hypotheses, segments, initial)
+            warm_up_added_joints(self, hypotheses, segments, initial)
         commands = compute_commands(
             self,
-            self.cache,
             hypotheses,
             segments,
             centered=hypotheses.centered,
@@ -195,12 +192,10 @@ class Simulator(RecordedSystem):
             find_sampled_steps(
                 segments, hypotheses.reading_changes, step=self.timestep
             ),
-            step=self.timestep,
         )
         predicted = predicted.reshape(len(values), len(segments), *predicted.shape[1:])
         return sample_signals(
             self,
-            self.cache,
             predicted,
             hypotheses,
             segments,

@@ -58,7 +58,6 @@ def run_stepwise(
     commands: Floats,
     sensors: SensorReader,
     sampled_steps: np.ndarray,
-    step: float,
 ) -> Floats:
     """Simulate with effects that act at every step, as `simulate_batch` does without.
 
@@ -69,13 +68,12 @@ def run_stepwise(
         commands: (N, K, nu), as they reach the actuators at K steps.
         sensors: reads C columns of channels.
         sampled_steps: (S) those whose readings matter.
-        step: of the simulation [s].
 
     Returns:
         (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
         that diverged.
     """
-    actions = list_actions(hypotheses, len(segments))
+    actions, step = list_actions(hypotheses, len(segments)), hypotheses.timestep
     begin = np.tile(segments.first_step * step, len(hypotheses.models))
     batch = make_batch(hypotheses, initial)
     forces = EffectForces(batch, actions, initial.integral_errors, step)

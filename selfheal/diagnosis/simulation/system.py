@@ -1,6 +1,6 @@
 """What is simulated: a model and the recordings that it is compared with."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from ..data.episodes import SampledEpisode
 from ..data.robot_summary import Channel
 from ..data.settling import place_unread_joints
 from ..data.state_estimate import GIVEN_STATE_STD, ReadingChanges, estimate_state
+from .cache import SimulationCache
 from .model_variants import ModelCompiler
 
 
@@ -43,6 +44,7 @@ class RecordedSystem:
         timestep: of the simulation [s].
         coarsening: steps of the given model in one of the simulation.
         has_contact: whether anything touches something as the robot moves.
+        cache: keeps what no hypothesis changes.
     """
 
     compiler: ModelCompiler
@@ -51,6 +53,7 @@ class RecordedSystem:
     timestep: float
     has_contact: bool = False
     coarsening: int = 1
+    cache: SimulationCache = field(default_factory=SimulationCache, compare=False)
 
     def complete_state(
         self,

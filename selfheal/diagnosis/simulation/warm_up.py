@@ -10,7 +10,6 @@ from ..effects.base import Term
 from ..effects.places import AddedJointPlace, SecondJointPlace
 from ..effects.protocols import JointAddition
 from .batch import BatchState, Hypotheses
-from .cache import SimulationCache
 from .commands import compute_commands
 from .initial_states import InitialStates
 from .rollout import simulate_batch
@@ -29,7 +28,6 @@ def has_added_joint(terms: Sequence[Term]) -> bool:
 
 def warm_up_added_joints(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     initial: BatchState,
@@ -42,7 +40,6 @@ def warm_up_added_joints(
 
     Args:
         system: that is simulated.
-        cache: of the system's commands and initial states.
         hypotheses: n of them.
         segments: W of them.
         initial: states of the n W simulations; `qpos` and `qvel` are changed.
@@ -53,7 +50,7 @@ def warm_up_added_joints(
         return
     n = len(hypotheses.models)
     places = hypotheses.variant.list_added_joints(hypotheses.terms)
-    settled = _simulate_before(system, cache, hypotheses, segments, rows, steps, places)
+    settled = _simulate_before(system, hypotheses, segments, rows, steps, places)
     q = initial.qpos.reshape(n, len(segments), -1)[:, rows]
     v = initial.qvel.reshape(n, len(segments), -1)[:, rows]
     for i, place in enumerate(places):
@@ -75,7 +72,6 @@ def warm_up_added_joints(
 
 def _simulate_before(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     rows: np.ndarray,
@@ -86,7 +82,6 @@ def _simulate_before(
 
     Args:
         system: that is simulated.
-        cache: of the system's commands and initial states.
         hypotheses: n of them.
         segments: W of them.
         rows: (w) numbers of those to simulate up to.
@@ -104,10 +99,9 @@ def _simulate_before(
     predicted = simulate_batch(
         hypotheses,
         before,
-        InitialStates(system, cache, hypotheses, before).compute(None),
+        InitialStates(system, hypotheses, before).compute(None),
         compute_commands(
             system,
-            cache,
             hypotheses,
             before,
             centered=hypotheses.centered,
@@ -115,7 +109,6 @@ def _simulate_before(
         ),
         SensorReader(hypotheses.variant, make_added_joint_channels(places)),
         np.zeros(0, int),
-        step=system.timestep,
     )
     shape = len(hypotheses.models), len(rows), len(places), 2
     return predicted[:, steps].reshape(shape)

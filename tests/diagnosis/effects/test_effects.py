@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.effects import GROUPS, find_effect
+from selfheal.diagnosis.effects import GROUPS, check_declaration, find_effect
+from selfheal.diagnosis.effects.by_target import WorldEffect
 from selfheal.diagnosis.effects.places import SignalPlace
 from selfheal.diagnosis.output.document import list_parameters
-from selfheal.errors import UnknownNameError
+from selfheal.errors import InputError, UnknownNameError
 from tests.support.effect_robots import (
     NAMES,
     absent_values,
@@ -35,6 +36,21 @@ def test_every_effect_explains_itself(name):
 def test_an_unknown_effect_is_refused_with_those_there_are():
     with pytest.raises(UnknownNameError, match="coulomb_friction"):
         find_effect("friction")
+
+
+def test_an_effect_that_acts_in_no_way_is_refused():
+    class Idle(WorldEffect):
+        name = group = description = equation = source = "idle"
+
+        def propose_terms(self, robot):
+            return []
+
+    class Acting(Idle):
+        def apply_forces(self, state, place, values): ...
+
+    check_declaration(Acting())
+    with pytest.raises(InputError, match="acts in no way; would fit: a method"):
+        check_declaration(Idle())
 
 
 @pytest.mark.parametrize("name", NAMES)
