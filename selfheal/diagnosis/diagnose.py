@@ -165,15 +165,7 @@ def _read(
     memory: str | os.PathLike[str] | None,
     record: SearchRecord,
 ) -> tuple[Dataset, Problem]:
-    """Stage 1: the recordings, split and checked, and the segments to fit.
-
-    Args:
-        model: MJCF or URDF.
-        recordings: of the real robot.
-        held_out: episodes or parts of them kept from the fit.
-        memory: folder of what was worked out.
-        record: of the search.
-    """
+    """Stage 1: the recordings, split and checked, and the segments to fit."""
     record.enter(Stage.READ, "reading")
     dataset = prepare_dataset(model, recordings, held_out, memory)
     check_dataset(dataset)

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..diagnosis.effects import load_catalogue
-from ..diagnosis.effects.base import implements
 from ..diagnosis.effects.nominal import is_unidentified
+from ..diagnosis.effects.protocols import ModelEdit
 from ..diagnosis.output.result import Diagnosis, Localization
 from ..extras import format_install
 from . import figures, tables
@@ -160,7 +160,7 @@ def _list_notes(finding: Mapping[str, Any]) -> Iterable[Html]:
 def _explain_replay(effect: str) -> str:
     """What patched.xml has of an effect that plain MuJoCo cannot express."""
     known = load_catalogue().get(effect)
-    if known is not None and implements(known, "edit_model"):
+    if known is not None and isinstance(known, ModelEdit):
         return (
             ": plain MuJoCo can express only a part of it; patched.xml has that part, "
             "and selfheal replay applies all of it."

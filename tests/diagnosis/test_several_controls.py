@@ -9,8 +9,9 @@ import pytest
 from selfheal.diagnosis.data.robot_summary import min_stable_inertia
 from selfheal.diagnosis.diagnose import diagnose
 from selfheal.diagnosis.effects import find_effect, load_catalogue
+from selfheal.diagnosis.effects.commands import CommandGrid
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.effects.places import locate_target
+from selfheal.diagnosis.effects.places import ControlsPlace, locate_target
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.batch import center_damping
 from selfheal.diagnosis.simulation.build import build_simulator
@@ -143,7 +144,7 @@ def test_a_torque_follows_a_step_of_any_control_at_once(tmp_path):
     b = bench(robot, tmp_path, episodes=1, seconds=1.0, noise=1e-9)
     segments = cut_replay_segments(b.simulator)
     (c,) = (c for c in b.simulator.channels if c.name == "torque")
-    plain = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=True)[0]
+    plain = b.simulator.leapfrog.simulate([], np.zeros((1, 0)), segments)[0]
     apart = plain[:, c.columns] - segments.readings[:, c.columns]
     assert np.abs(apart).max() < 0.25 * 0.8 * size
 
@@ -176,10 +177,10 @@ def test_what_is_known_of_an_actuator_is_the_same_behind_another():
         place, joint = locate_target(model, servo), model.joint("bend").id
         inertia = min_stable_inertia(model, joint)
         center_damping(model, 1e-4, compute_inverse_inertias(model))
-        known.append((place["gear"], inertia, model.dof_armature[place["dof"]]))
-        assert place["controls"] == (place["goal"],) == (model.nu - 1,)
+        known.append((place.gear, inertia, model.dof_armature[place.dof]))
+        assert place.controls == (place.goal,) == (model.nu - 1,)
         find_effect("torque_saturation").edit_model(model, place, np.array([3.0]))
-        assert model.actuator_forcerange[place["actuator"]].tolist() == [-1.5, 1.5]
+        assert model.actuator_forcerange[place.actuator].tolist() == [-1.5, 1.5]
     assert known[0] == pytest.approx(known[1])
 
 
@@ -206,9 +207,9 @@ def test_a_delay_at_a_ball_joint_is_patched_and_replayed(wrist, tmp_path):
 
 def test_a_delay_delays_all_controls_of_its_actuator_and_no_other():
     ctrl = np.random.default_rng(0).normal(size=(1, 9, 4))
-    place, steps = {"controls": (1, 2)}, 3
+    place, steps = ControlsPlace(controls=(1, 2)), 3
     late = find_effect("command_delay").transform_command(
-        ctrl, 0.01, place, np.array([[steps * 0.01]])
+        ctrl, CommandGrid(0.01), place, np.array([[steps * 0.01]])
     )
     np.testing.assert_array_equal(late[..., [0, 3]], ctrl[..., [0, 3]])
     np.testing.assert_allclose(late[:, steps:, 1:3], ctrl[:, :-steps, 1:3])
@@ -219,7 +220,7 @@ def test_a_pid_states_its_gains(tmp_path):
     stated = {t.targets[0]: t for t in build_nominal_terms(b.robot)}
     for field, value in {"kp": 20, "kv": 0.8, "ki": 5}.items():
         term = stated[f"actuator:shoulder_servo/{field}"]
-        assert term.finding_fields["value"] == value
+        assert term.effect.value == value
     check = make_effect_bench(PID_ARM, tmp_path)
     assert "actuator:shoulder_servo/ki" not in {
         t.targets[0] for t in build_nominal_terms(check.robot)
@@ -254,7 +255,7 @@ def test_the_state_of_a_pid_goes_on_where_a_segment_begins(states, late, tmp_pat
         terms = [t for t in _terms_at(b, SERVO) if t.effect.name == "command_delay"]
         values = np.array([[0.04]])
     segments = cut_readable_segments(b.simulator, 0.5)
-    predicted = b.simulator.simulate(terms, values, segments, centered=False)[0]
+    predicted = b.simulator.simulate(terms, values, segments)[0]
     assert np.ptp(segments.readings) > 0.3
     np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)
 

@@ -6,6 +6,7 @@ import pytest
 from selfheal.body.damage import KINDS, Damage
 from selfheal.body.legged import load_legged_robot
 from selfheal.diagnosis.effects import load_catalogue
+from selfheal.diagnosis.effects.places import BodyPlace, GeomsPlace, Place
 from selfheal.engine.reflex import _build_batch, build_damaged_plants
 
 ROBOT = load_legged_robot("quadruped")
@@ -45,7 +46,7 @@ def test_a_change_has_one_unit(kind):
 @pytest.mark.parametrize(("tilt", "azimuth"), [(0.1, 0.0), (0.3, 2.0), (0.0, 1.0)])
 def test_a_slope_turns_gravity_alike(tilt, azimuth):
     batch = _damage("slope", value=tilt, azimuth=azimuth)
-    model = _effect("slope", {}, (tilt, azimuth))
+    model = _effect("slope", Place(), (tilt, azimuth))
     np.testing.assert_allclose(
         batch.expand("opt.gravity")[0], model.opt.gravity, atol=1e-15
     )
@@ -53,13 +54,13 @@ def test_a_slope_turns_gravity_alike(tilt, azimuth):
 
 def test_a_wind_blows_alike():
     batch = _damage("wind", value=5.0, azimuth=0.7)
-    model = _effect("wind", {}, (5 * np.cos(0.7), 5 * np.sin(0.7), 0.0))
+    model = _effect("wind", Place(), (5 * np.cos(0.7), 5 * np.sin(0.7), 0.0))
     np.testing.assert_array_equal(batch.expand("opt.wind")[0], model.opt.wind)
 
 
 def test_a_lost_limb_has_the_same_mass_left_and_touches_nothing():
     batch = _damage("limb_loss", f"body:{PART}")
-    place = {"body": ROBOT.model.body(PART).id}
+    place = BodyPlace(body=ROBOT.model.body(PART).id)
     model = _effect("limb_loss", place, ())
     np.testing.assert_array_equal(batch.expand("body_mass")[0], model.body_mass)
     np.testing.assert_array_equal(batch.expand("body_inertia")[0], model.body_inertia)
@@ -69,7 +70,7 @@ def test_a_lost_limb_has_the_same_mass_left_and_touches_nothing():
 def test_the_ground_is_as_slippery():
     batch = _damage("ground_friction", value=0.2)
     floor = np.flatnonzero(ROBOT.model.geom_bodyid == 0)
-    model = _effect("ground_friction", {"geoms": tuple(map(int, floor))}, (0.2,))
+    model = _effect("ground_friction", GeomsPlace(geoms=tuple(map(int, floor))), (0.2,))
     for friction in (batch.expand("geom_friction")[0], model.geom_friction):
         # a contact has the larger friction of its two geoms
         assert max(friction[floor, 0].max(), friction[:, 0].max()) == pytest.approx(0.2)

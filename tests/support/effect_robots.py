@@ -133,8 +133,8 @@ def make_document(nominal, factors, effects, values) -> dict:
         for target in term.targets
     ]  # fmt: skip
     refit = [
-        {"parameter": t.targets[0], "given": t.finding_fields["value"],
-         "value": t.finding_fields["value"] * float(f)}
+        {"parameter": t.targets[0], "given": t.effect.value,
+         "value": t.effect.value * float(f)}
         for t, f in zip(nominal, factors, strict=True)
     ]  # fmt: skip
     return {"format": "selfheal-diagnosis", "version": 1, "findings": findings,

@@ -10,6 +10,8 @@ from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.effects.base import Effect, Term
 from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.effects.places import Place
+from selfheal.diagnosis.effects.protocols import JointForce
 from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
@@ -36,8 +38,8 @@ def make_problem(
         noise: standard deviation of a reading [its unit].
     """
     segments = cut_segments(bench.simulator.episodes, STEPS)
-    predicted = bench.simulator.simulate(
-        terms, np.array([values], float), segments, centered=True
+    predicted = bench.simulator.leapfrog.simulate(
+        terms, np.array([values], float), segments
     )[0]
     rng = np.random.default_rng(7)
     readings = predicted + noise * rng.normal(size=predicted.shape)
@@ -79,12 +81,8 @@ def make_misread_problem(
     offset = offset.sum(axis=0)[None]
     offset[..., :2] = 0
     offset[..., 2:] *= speeds
-    predicted = bench.simulator.simulate(
-        (term,),
-        values[None],
-        problem.segments,
-        initial_state_offset=offset,
-        centered=True,
+    predicted = bench.simulator.leapfrog.simulate(
+        (term,), values[None], problem.segments, initial_state_offset=offset
     )[0]
     noise = NOISE * np.random.default_rng(0).normal(size=predicted.shape)
     segments = replace(problem.segments, readings=predicted + noise)
@@ -176,7 +174,7 @@ def name_effect(term: Term) -> NamedEffect:
     return NamedEffect(term, Evidence(1.0, 1e-3, 1.0), ())
 
 
-class Explosion(Effect):
+class Explosion(Effect, JointForce[Place]):
     """An effect whose forces are so large that the simulation diverges."""
 
     name = "explosion"
@@ -184,7 +182,7 @@ class Explosion(Effect):
 
     def propose_terms(self, scene):
         size = Parameter("size", "1", 0.0, 0.0, 30.0, 3.0)
-        return [Term(self, ("world",), ({},), (size,), ((20.0,), (15.0,)))]
+        return [Term(self, ("world",), (Place(),), (size,), ((20.0,), (15.0,)))]
 
     def apply_forces(self, moment, place, values):
         moment.applied_force[:] += 10 ** values[:, :1] - 1

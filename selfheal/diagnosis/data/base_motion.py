@@ -9,12 +9,15 @@ it is, and where it heads for, change nothing, and are 0 where an episode begins
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...recording.data import Floats
 from .robot_summary import Channel
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 GYROSCOPE, ACCELEROMETER = 3, 1  # mjtSensor
 TILT_SECONDS = 1.0  # [s] in which a tilt is told; chosen: a gyroscope hardly drifts
@@ -49,7 +52,7 @@ class BaseMotion:
     std: Floats
 
     def fill_in(
-        self, model, rows: Floats, qpos: Floats, qvel: Floats, std: Floats
+        self, model: "MjModel", rows: Floats, qpos: Floats, qvel: Floats, std: Floats
     ) -> None:
         """Fill in what no sensor read of W states, in place.
 
@@ -77,7 +80,7 @@ class BaseMotion:
 
 
 def estimate_base_motion(
-    model,
+    model: "MjModel",
     channels: Sequence[Channel],
     readings: Floats,
     qpos: Floats,
@@ -138,7 +141,7 @@ def estimate_base_motion(
     return BaseMotion(joint, qpos[:, q : q + 7], qvel[:, v : v + 6], std)
 
 
-def _is_carried(model, force: Floats, time: Floats) -> np.ndarray:
+def _is_carried(model: "MjModel", force: Floats, time: Floats) -> np.ndarray:
     """(T) whether the ground carries a robot, by specific forces (T, 3) [m/s^2]."""
     from scipy.ndimage import uniform_filter1d
 
@@ -148,7 +151,7 @@ def _is_carried(model, force: Floats, time: Floats) -> np.ndarray:
     return np.array(felt > MIN_SUPPORT_SHARE * weight)
 
 
-def _is_ground_level(model) -> bool:
+def _is_ground_level(model: "MjModel") -> bool:
     """Whether all that does not move is a plane at right angles to gravity and z."""
     import mujoco
 
@@ -164,7 +167,7 @@ def _is_ground_level(model) -> bool:
 
 
 def _read_in_base(
-    model,
+    model: "MjModel",
     joint: int,
     kind: int,
     channels: Sequence[Channel],
@@ -254,7 +257,7 @@ def find_orientation(turned: Any, force: Floats, velocity: Floats, time: Floats)
 class _LegOdometry:
     """Height and velocity of a base whose lowest points stand on the ground."""
 
-    def __init__(self, model, joint: int) -> None:
+    def __init__(self, model: "MjModel", joint: int) -> None:
         """`model`: compiled; `joint`: its floating base's."""
         import mujoco
 

@@ -96,7 +96,7 @@ class LocalPolynomials:
         return out
 
 
-def _scatter_limit(half_width):
+def _scatter_limit(half_width: float) -> float:
     """Largest scatter about a parabola that fits, over the usual scatter [1].
 
     The mean of f = 2 m - 2 squares of a unit normal has the variance 2 / f.

@@ -10,11 +10,14 @@ that were.
 """
 
 from copy import copy
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ...recording.data import Floats
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 MAX_NEWTON_STEPS = 50  # chosen: from anywhere near a solution five are enough
 MAX_JOINT_STEP = 0.3  # [rad or m] of a Newton step; chosen: keeps the assembly mode
@@ -50,7 +53,7 @@ class ClosedState(NamedTuple):
 class LoopClosure:
     """Closes the loops of one model, from one state to the next."""
 
-    def __init__(self, model) -> None:
+    def __init__(self, model: "MjModel") -> None:
         """`model`: compiled, as given."""
         import mujoco
 
@@ -125,7 +128,7 @@ class LoopClosure:
 _DOF_SIZES = {0: 6, 1: 3, 2: 1, 3: 1}  # mjtJoint: free, ball, slide, hinge
 
 
-def _find_dofs(model) -> np.ndarray:
+def _find_dofs(model: "MjModel") -> np.ndarray:
     """(nq) index of a degree of freedom of the joint that each position is of."""
     sizes = np.diff([*model.jnt_qposadr, model.nq])
     return np.repeat(np.asarray(model.jnt_dofadr, int), sizes)

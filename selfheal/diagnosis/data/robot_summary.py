@@ -10,6 +10,7 @@ from ...recording.data import Floats
 
 if TYPE_CHECKING:
     import mujoco
+    from mujoco import MjModel
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 NOT_PREDICTED = ("supply_voltage", "temperature")  # the model does not predict them
@@ -232,16 +233,12 @@ class RobotSummary:
         """By how much contacts may be early or late [s]; no shorter delay shows."""
         return CONTACT_TIMING_STEPS * self.timestep if self.has_contact else 0.0
 
-    def joint_by_id(self, joint: int) -> Joint:
-        """The joint with an id in the given model."""
-        return next(j for j in self.joints if j.id == joint)
-
     def joint_by_dof(self, dof: int) -> Joint:
         """The joint with an index in qvel."""
         return next(j for j in self.joints if j.dof == dof)
 
 
-def min_stable_inertia(model, joint: int) -> float:
+def min_stable_inertia(model: "MjModel", joint: int) -> float:
     """Least inertia at which a joint's servos are stable [kg m^2 or kg].
 
     MuJoCo holds a servo's stiffness k for a step h and, with the integrators Euler and
@@ -292,12 +289,12 @@ def measure_extent(model: "mujoco.MjModel", body: int) -> Floats:
     return np.max(far, axis=0) if far else np.zeros(3)
 
 
-def _child_bodies(model, body: int) -> list[np.integer]:
+def _child_bodies(model: "MjModel", body: int) -> list[np.integer]:
     """Ids of a body's children."""
     return [c for c in np.flatnonzero(model.body_parentid == body) if c != body]
 
 
-def _geom_ends(model, body: int) -> Iterator[Floats]:
+def _geom_ends(model: "MjModel", body: int) -> Iterator[Floats]:
     """Ends (3) of the geoms' axes, without their radius, in the body's frame [m]."""
     import mujoco
 
@@ -388,7 +385,7 @@ def summarize_bodies(model: "mujoco.MjModel") -> tuple[MovingBody, ...]:
     return tuple(bodies)
 
 
-def _body_size(model, body: int, length: float) -> float:
+def _body_size(model: "MjModel", body: int, length: float) -> float:
     """Extent of a body [m]: the largest of link, geoms and radius of gyration."""
     bound = model.geom_rbound[model.geom_bodyid == body]
     mass = max(float(model.body_mass[body]), MIN_BODY_MASS)

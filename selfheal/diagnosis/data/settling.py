@@ -5,11 +5,15 @@ springs, loops and the first command put them.
 """
 
 from copy import copy
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...recording.data import Floats
 from .loop_closure import LoopClosure
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 HELD_INERTIA_RATIO = 1e6  # times a joint's inertia, that of one that is held; chosen
 SETTLING_SECONDS = 3.0  # [s]; chosen: ten periods of a gripper's finger
@@ -21,7 +25,7 @@ HINGE_OR_SLIDE = (2, 3)  # mjtJoint
 
 
 def settle_unread_joints(
-    model, qpos: Floats, is_read: np.ndarray, ctrl: Floats
+    model: "MjModel", qpos: Floats, is_read: np.ndarray, ctrl: Floats
 ) -> Floats | None:
     """Simulate a robot whose unread hinges and slides alone move, until they rest.
 
@@ -53,7 +57,7 @@ def settle_unread_joints(
 
 
 def place_unread_joints(
-    model, qpos: Floats, qvel: Floats, is_first: np.ndarray, ctrl: Floats
+    model: "MjModel", qpos: Floats, qvel: Floats, is_first: np.ndarray, ctrl: Floats
 ) -> tuple[Floats, Floats, Floats | None, np.ndarray]:
     """Fill in states in which something was not read.
 

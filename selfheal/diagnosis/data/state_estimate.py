@@ -1,9 +1,8 @@
 """State estimates: takes readings around some times, gives states and their errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +10,9 @@ from ...recording.data import Floats
 from .episodes import SampledEpisode
 from .local_polynomial import ar1_error_factors, choose_half_width, find_nearest
 from .robot_summary import Channel
-from .settling import place_unread_joints
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 ReadingChanges = Mapping[str, Mapping[str, Any]]
 
@@ -32,7 +33,7 @@ VALUE_ERROR_GROWTH, SLOPE_ERROR_GROWTH = 1, 3
 
 
 def estimate_state(
-    model,
+    model: "MjModel",
     channels: tuple[Channel, ...],
     episode: SampledEpisode,
     at: Floats,
@@ -84,7 +85,7 @@ def estimate_state(
     return qpos, qvel, std
 
 
-def _parent_orientation(model, joint: int) -> Floats | None:
+def _parent_orientation(model: "MjModel", joint: int) -> Floats | None:
     """Quaternion (4) of the frame that a ball joint turns from; None: it moves."""
     import mujoco
 
@@ -290,82 +291,3 @@ def _body_rate(unit: Floats, slope: Floats) -> Floats:
         [w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
          w * d + x * c - y * b + z * a], axis=1,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, eq=False)
-class CompletedState:
-    """States at W steps of an episode: as given, as read, or as they follow.
-
-    Attributes:
-        qpos: (W, nq) [rad or m].
-        qvel: (W, nv) [rad/s or m/s].
-        std: (W, 2 nv) standard deviations, of positions and then velocities.
-        response: (W, nv, nv) how positions move with each: those that loops place, with
-            the others. None: each alone.
-        is_known: (W, nq) whether a position was given or read, or follows from others.
-    """
-
-    qpos: Floats
-    qvel: Floats
-    std: Floats
-    response: Floats | None
-    is_known: np.ndarray
-
-
-def estimate_initial_state(
-    system, episode: int, steps: np.ndarray, reading_changes: ReadingChanges
-) -> tuple[Floats, Floats, Floats]:
-    """Estimate the state at steps of an episode, as `complete_state` does.
-
-    Args:
-        system: a `RecordedSystem`.
-        episode: number of the episode.
-        steps: (W) of its grid.
-        reading_changes: as `estimate_state` has them.
-
-    Returns:
-        qpos (W, nq), qvel (W, nv), and their standard deviations (W, 2 nv) [rad or m,
-        and per s].
-    """
-    state = complete_state(system, episode, steps, reading_changes)
-    return state.qpos, state.qvel, state.std
-
-
-def complete_state(
-    system, episode: int, steps: np.ndarray, reading_changes: ReadingChanges
-) -> CompletedState:
-    """Estimate the state at steps of an episode: as given, as read, or at rest.
-
-    What was neither given nor read is where a closed loop puts it. Elsewhere it is the
-    model's qpos0, or where an episode begins, where the joint comes to rest.
-
-    Args:
-        system: a `RecordedSystem`.
-        episode: number of the episode.
-        steps: (W) of its grid.
-        reading_changes: as `estimate_state` has them.
-    """
-    sampled, model = system.episodes[episode], system.compiler.nominal
-    at = np.asarray(steps, float)
-    qpos, qvel, std = estimate_state(
-        model, system.channels, sampled, at, system.timestep, reading_changes
-    )
-    is_first = at == 0
-    if sampled.qpos0 is not None:
-        qpos[is_first] = sampled.qpos0
-        std[is_first, : model.nv] = GIVEN_STATE_STD
-    if sampled.qvel0 is not None:
-        qvel[is_first] = sampled.qvel0
-        std[is_first, model.nv :] = GIVEN_STATE_STD
-    if sampled.base:
-        rows = np.interp(at, sampled.sample_steps, np.arange(len(sampled.sample_steps)))
-        sampled.base.fill_in(model, rows, qpos, qvel, std)
-    is_known, response = np.isfinite(qpos), None
-    if not is_known.all():
-        first_ctrl = sampled.ctrl[0] if len(sampled.ctrl) else np.zeros(model.nu)
-        qpos, qvel, response, is_known = place_unread_joints(
-            model, qpos, qvel, is_first, first_ctrl
-        )
-    qvel = np.where(np.isfinite(qvel), qvel, 0.0)
-    std = np.where(np.isfinite(std), std, GIVEN_STATE_STD)
-    return CompletedState(qpos, qvel, std, response, is_known)

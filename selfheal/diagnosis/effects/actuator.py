@@ -1,28 +1,42 @@
 """What lies between the command and the torque: delays, filters, limits, gains."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...mjcf.edit import Rename, Set, format_number
+from ...mjcf.edit import Edit, Rename, Set, format_number
 from ...recording.actuator_laws import (
     find_goal,
     get_servo_gains,
     has_affine_force,
     is_pid,
 )
+from ...recording.data import Floats
+from ..data.robot_summary import Actuator, RobotSummary
 from .by_target import ActuatorEffect
 from .commands import (
     STALE_STEPS,
+    CommandGrid,
     change_columns,
     delay_column,
     filter_column,
     limit_rate_of_column,
 )
-from .declaration import ParameterSpec
+from .declaration import SELDOM, USUAL, Parameters, ParameterSpec, Starts
+from .places import ActuatorPlace, Place
+from .protocols import CommandFilter, JointForce, ModelEdit, StepState, TextForm
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 
-class CommandDelay(ActuatorEffect):
+class CommandDelay(
+    ActuatorEffect,
+    CommandFilter[ActuatorPlace],
+    ModelEdit[ActuatorPlace],
+    TextForm[ActuatorPlace],
+):
     """A delay beyond the one that the model states."""
 
     name = "command_delay"
@@ -32,37 +46,42 @@ class CommandDelay(ActuatorEffect):
     separate_by = "move the joint by hand: a late sensor shows then, a late command not"
     phrase = "{at} acts on its commands {delay} late"
     parameters = (ParameterSpec("delay", "s", nominal=0.0, nonnegative=True),)
-    is_common = True
+    log_odds = USUAL
     is_shared = True
-    native_is_stepwise = True
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
-        return (
-            self.make_parameter(
-                "delay", low=0.0, high=0.3, scale=0.01, resolution=least
-            ),
-        )
+        return (self.bound("delay", low=0.0, high=0.3, scale=0.01, resolution=least),)
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return ((0.005,), (0.02,), (0.06,))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         return robot.model.actuator_ctrlnum[actuator.id] > 0
 
-    def transform_command(self, ctrl, step, place, values):
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
+    ) -> Floats:
         return change_columns(
-            ctrl, place["controls"], lambda u: delay_column(u, values / step)
+            ctrl, place.controls, lambda u: delay_column(u, values / grid.step)
         )
 
-    def edit_model(self, model, place, values):
-        if place.get("there"):  # out of a patched model: `transform_command` does it
-            rest = model.actuator_delay[place["actuator"]] - values[0]
-            least = 1e-6 * model.opt.timestep  # a text's last digit
-            model.actuator_delay[place["actuator"]] = rest if rest > least else 0.0
+    def is_whole_in_text(self, place: Place) -> bool:
+        """MuJoCo delays by whole time steps."""
+        return False
 
-    def edit_text(self, model, place, values):
-        delay = float(model.actuator_delay[place["actuator"]]) + values[0]
+    def edit_model(
+        self, model: "MjModel", place: ActuatorPlace, values: Floats
+    ) -> None:
+        if place.is_patched:  # out of a patched model: `transform_command` does it
+            rest = model.actuator_delay[place.actuator] - values[0]
+            least = 1e-6 * model.opt.timestep  # a text's last digit
+            model.actuator_delay[place.actuator] = rest if rest > least else 0.0
+
+    def edit_text(
+        self, model: "MjModel", place: ActuatorPlace, values: Floats
+    ) -> list[Edit]:
+        delay = float(model.actuator_delay[place.actuator]) + values[0]
         steps = int(np.ceil(delay / model.opt.timestep)) + 1
         attributes = {
             "delay": format_number(delay),
@@ -72,7 +91,9 @@ class CommandDelay(ActuatorEffect):
         return [Set("actuator", name_or_id(model, place), attributes)]
 
 
-class ActuatorLag(ActuatorEffect):
+class ActuatorLag(
+    ActuatorEffect, CommandFilter[ActuatorPlace], TextForm[ActuatorPlace]
+):
     name = "actuator_lag"
     description = "The actuator follows its command as a first-order filter does."
     equation = "timeconst du/dt = ctrl - u"
@@ -81,32 +102,44 @@ class ActuatorLag(ActuatorEffect):
     phrase = "{at} follows its commands with a time constant of {timeconst} {lacks}"
     parameters = (ParameterSpec("timeconst", "s", nominal=0.0, nonnegative=True),)
     is_shared = True
-    holds_previous_command = True
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = STALE_STEPS * robot.timestep
         return (
-            self.make_parameter(
-                "timeconst", low=0.0, high=1.0, scale=0.02, resolution=least
-            ),
+            self.bound("timeconst", low=0.0, high=1.0, scale=0.02, resolution=least),
         )
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return ((0.01,), (0.05,), (0.2,))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         model, a = robot.model, actuator.id
         return model.actuator_dyntype[a] == 0 and has_affine_force(model, a)
 
-    def transform_command(self, ctrl, step, place, values):
-        keep = np.exp(-step / np.maximum(values[:, 0], 1e-9))
-        return change_columns(ctrl, place["controls"], lambda u: filter_column(u, keep))
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
+    ) -> Floats:
+        timeconst = values[:, 0]
+        keep = np.exp(-grid.step / np.maximum(timeconst, 1e-9))
 
-    def edit_text(self, model, place, values):
+        def follow(u: Floats) -> Floats:
+            """As the command was when each step began, or in its middle."""
+            filtered = filter_column(u, keep)
+            if not grid.is_mean:
+                return filtered
+            after = np.append(filtered[:, 1:], filtered[:, -1:], axis=1)
+            is_slow = timeconst[:, None] > 0
+            return np.where(is_slow, (filtered + after) / 2, filtered)
+
+        return change_columns(ctrl, place.controls, follow)
+
+    def edit_text(
+        self, model: "MjModel", place: ActuatorPlace, values: Floats
+    ) -> list[Edit]:
         return rename_to_general(model, place, dyntype="filterexact", dynprm=values[0])
 
 
-class RateLimit(ActuatorEffect):
+class RateLimit(ActuatorEffect, CommandFilter[ActuatorPlace]):
     name = "rate_limit"
     description = "The servo moves its goal no faster than a rate."
     equation = "|du/dt| <= rate"
@@ -116,29 +149,31 @@ class RateLimit(ActuatorEffect):
     parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf, nonnegative=True),)
     is_shared = True
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         rate = actuator.max_rate
-        parameter = self.make_parameter(
+        parameter = self.bound(
             "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
         )
         # of what is commanded in other units than the position's
         return (parameter if actuator.servo else replace(parameter, unit="ctrl/s"),)
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return tuple((share * actuator.max_rate,) for share in (0.3, 1.0, 3.0))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         """Of what holds a position, in whatever units that is commanded."""
         return find_goal(robot.model, actuator.id) >= 0 and actuator.max_rate > 0
 
-    def transform_command(self, ctrl, step, place, values):
-        most = values[:, 0] * step
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
+    ) -> Floats:
+        most = values[:, 0] * grid.step
         return change_columns(
-            ctrl, [place["goal"]], lambda u: limit_rate_of_column(u, most)
+            ctrl, [place.goal], lambda u: limit_rate_of_column(u, most)
         )
 
 
-class ThermalDerating(ActuatorEffect):
+class ThermalDerating(ActuatorEffect, CommandFilter[ActuatorPlace]):
     """A thermal model of first order (I^2 t): resistance rises with temperature.
 
     Each episode begins cold.
@@ -157,40 +192,41 @@ class ThermalDerating(ActuatorEffect):
         ParameterSpec("loss", "1/(N m)^2", nominal=0.0, nonnegative=True),
         ParameterSpec("timeconst", "s", nonnegative=True),
     )
-    rarity = 1
+    log_odds = SELDOM
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         most = 1 / actuator.max_force**2
-        make = self.make_parameter
         return (
-            make("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
+            self.bound("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
             # of a small winding seconds, of a large motor's housing an hour
-            make("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
+            self.bound("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
         )
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         typical = 1 / actuator.max_force**2
         return tuple((typical, seconds) for seconds in (10.0, 100.0))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         """Of motors, which are told a torque."""
         model, a = robot.model, actuator.id
         laws = model.actuator_gaintype, model.actuator_biastype, model.actuator_dyntype
         is_motor = not any(law[a] for law in laws) and model.actuator_gainprm[a, 0] == 1
         return bool(is_motor and actuator.dof >= 0 and actuator.max_force > 0)
 
-    def transform_command(self, ctrl, step, place, values):
-        loss, keep = values[:, :1], np.exp(-step / values[:, 1])
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
+    ) -> Floats:
+        loss, keep = values[:, :1], np.exp(-grid.step / values[:, 1])
 
-        def derate(u):
-            squares = (place["gear"] * u) ** 2
+        def derate(u: Floats) -> Floats:
+            squares = (place.gear * u) ** 2
             cold = np.concatenate([0 * squares[:, :1], squares], axis=1)
             return u / (1 + loss * filter_column(cold, keep)[:, 1:])
 
-        return change_columns(ctrl, place["controls"], derate)
+        return change_columns(ctrl, place.controls, derate)
 
 
-class SpeedTorqueLimit(ActuatorEffect):
+class SpeedTorqueLimit(ActuatorEffect, JointForce[ActuatorPlace]):
     name = "speed_torque_limit"
     description = "The torque that the motor can give falls with its speed."
     equation = "tau sign(v) <= stall_torque (1 - |v| / no_load_speed)"
@@ -204,20 +240,20 @@ class SpeedTorqueLimit(ActuatorEffect):
         ParameterSpec("stall_torque", "N m", nominal=np.inf, nonnegative=True),
         ParameterSpec("no_load_speed", "rad/s", nominal=np.inf, nonnegative=True),
     )
-    writes_forcerange = True
+    needs = frozenset({"forcerange"})
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         joint = robot.joint_by_dof(actuator.dof)
         most, speed = actuator.max_force, joint.max_speed
         return (
-            self.make_parameter(
+            self.bound(
                 "stall_torque",
                 actuator,
                 low=0.01 * most,
                 high=20 * most,
                 scale=0.2 * most,
             ),
-            self.make_parameter(
+            self.bound(
                 "no_load_speed",
                 joint,
                 low=0.2 * speed,
@@ -226,29 +262,32 @@ class SpeedTorqueLimit(ActuatorEffect):
             ),
         )
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
         return (
             (most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed),
             (0.2 * most, 1.3 * speed), (0.2 * most, 4 * speed),
         )  # fmt: skip
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         return actuator.dof >= 0
 
-    def apply_forces(self, state, place, values):
-        a, gear = place["actuator"], place["gear"]
+    def apply_forces(
+        self, state: StepState, place: ActuatorPlace, values: Floats
+    ) -> None:
+        a, gear = place.actuator, place.gear
         stall, speed = values.T
-        share = state.qvel[:, place["dof"]] / speed
+        share = state.qvel[:, place.dof] / speed
         up = stall * np.clip(1 - share, 0, 1) / abs(gear)
         down = -stall * np.clip(1 + share, 0, 1) / abs(gear)
         low, high = (down, up) if gear > 0 else (-up, -down)
+        assert state.forcerange is not None  # by `needs`
         limits = state.forcerange[:, a]
         limits[:, 0] = np.maximum(limits[:, 0], low)
         limits[:, 1] = np.minimum(limits[:, 1], high)
 
 
-class ServoGain(ActuatorEffect):
+class ServoGain(ActuatorEffect, ModelEdit[ActuatorPlace]):
     """Gains of a servo, or the gain of a motor [N m/ctrl] alone.
 
     A servo may be commanded in other units than its length's. Its kp is that of its
@@ -268,38 +307,39 @@ class ServoGain(ActuatorEffect):
         ParameterSpec("kv", "N m s/rad", nonnegative=True, is_in_model=True),
     )
     parameter_sets = (("kp", "kv"), ("kp",))
-    restates_nominal = True
     overrides = ("kp", "kv", "gain", "bias", "gear")
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         kp, kv = get_servo_gains(robot.model, actuator.id)
         holds = find_goal(robot.model, actuator.id) >= 0
         if holds:
             kp = -float(robot.model.actuator_biasprm[actuator.id, 1])
-        stiffness = self.make_parameter(
+        stiffness = self.bound(
             "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
         )
         if not holds:
             return (replace(stiffness, unit=f"{actuator.force}/ctrl"),)
         high = 10 * kv + 0.5 * kp
         scale = 0.2 * kv + 0.05 * _typical_torque(robot, actuator) / actuator.speed
-        damping = self.make_parameter(
+        damping = self.bound(
             "kv", actuator, nominal=kv, low=0.0, high=high, scale=scale
         )
         return (stiffness, damping)
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         kp, *kv = (p.nominal for p in self.make_parameters(robot, actuator))
         return ((0.6 * kp, *kv), (1.6 * kp, *kv))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         model, a = robot.model, actuator.id
         law = model.actuator_gaintype[a], model.actuator_biastype[a]
         is_motor = max(law) == 0 and model.actuator_gainprm[a, 0] > 0
         return is_motor or find_goal(model, a) >= 0
 
-    def edit_model(self, model, place, values):
-        a = place["actuator"]
+    def edit_model(
+        self, model: "MjModel", place: ActuatorPlace, values: Floats
+    ) -> None:
+        a = place.actuator
         if len(values) == 1:  # a motor
             model.actuator_gainprm[a, 0] = values[0]
         else:
@@ -311,19 +351,21 @@ class ServoGain(ActuatorEffect):
             model.actuator_biasprm[a, 2] = -values[1]
 
 
-def _typical_torque(robot, actuator) -> float:
+def _typical_torque(robot: RobotSummary, actuator: Actuator) -> float:
     """Typical torque [N m or N] of what an actuator drives."""
     if actuator.dof >= 0:
         return float(robot.joint_by_dof(actuator.dof).torque)
     return float(actuator.max_force / 3)
 
 
-def name_or_id(model, place):
+def name_or_id(model: "MjModel", place: ActuatorPlace) -> str | int:
     """What the text's edits call an actuator."""
-    return model.actuator(place["actuator"]).name or place["actuator"]
+    return model.actuator(place.actuator).name or place.actuator
 
 
-def rename_to_general(model, place, **attributes) -> list[Rename]:
+def rename_to_general(
+    model: "MjModel", place: ActuatorPlace, **attributes: str | float
+) -> list[Edit]:
     """The actuator as a <general> one of the same law, with more attributes.
 
     Args:
@@ -331,7 +373,7 @@ def rename_to_general(model, place, **attributes) -> list[Rename]:
         place: of an actuator with one control and an affine force.
         attributes: of the <general>, beside those of its law.
     """
-    a = place["actuator"]
+    a = place.actuator
     law = {
         "gainprm": format_number(model.actuator_gainprm[a, :3]),
         "biasprm": format_number(model.actuator_biasprm[a, :3]),
@@ -342,7 +384,7 @@ def rename_to_general(model, place, **attributes) -> list[Rename]:
             for k, v in attributes.items()
         },
     }
-    (control,) = place["controls"]
+    (control,) = place.controls
     if model.actuator_ctrllimited[control]:  # a <general> inherits no range
         law["ctrlrange"] = format_number(model.actuator_ctrlrange[control])
     own = ("kp", "kv", "gain", "dampratio", "timeconst", "inheritrange")

@@ -1,25 +1,35 @@
 """The parts of a hypothesis: an effect, the places where it acts, its parameters.
 
 A `Term` is one effect at one place with the parameters to be fitted. A subclass of
-`Effect` says where the effect could be and how it changes a simulation.
+`Effect` says where the effect could be, and acts in one or two of the ways of
+`protocols`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...recording.data import Floats
-from .declaration import FindingField, Parameter, ParameterSpec, convert_unit
-from .places import Place, add_keys, locate_target
-from .step_state import StepState as StepState  # a simulation imports it from here
+from .declaration import (
+    PHASE,
+    UNUSUAL,
+    USUAL,
+    FindingField,
+    Parameter,
+    ParameterSpec,
+    Starts,
+    convert_unit,
+)
+from .places import Place, locate_target
+from .protocols import CommandFilter, JointForce, SensorMap, TextForm
 
 if TYPE_CHECKING:
-    import mujoco
+    from mujoco import MjModel
 
-    from ...mjcf.edit import Insert, Rename, Set
     from ..data.robot_summary import Actuator, Channel, Joint, RobotSummary
 
 
@@ -58,7 +68,7 @@ class Term:
         places: indices of the given model that the effect needs; one for each target.
         parameters: to be fitted, in the order of the values.
         initial_values: values that a fit may begin at, each (p).
-        finding_fields: what a finding says beside the target and the parameters.
+        log_odds: of the effect there before any data, beside what is usual [nats].
         onset: when the effect set in; None: it was there all the time.
     """
 
@@ -66,8 +76,8 @@ class Term:
     targets: tuple[str, ...]
     places: tuple[Place, ...]
     parameters: tuple[Parameter, ...]
-    initial_values: tuple[tuple[float, ...], ...]
-    finding_fields: Mapping[str, Any] = field(default_factory=dict)
+    initial_values: Starts
+    log_odds: float = UNUSUAL
     onset: Onset | None = None
 
     @cached_property
@@ -85,6 +95,26 @@ class Term:
         """Natural steps of the values (p) [each parameter's unit]."""
         return np.array([p.scale for p in self.parameters], float)
 
+    @property
+    def is_usual(self) -> bool:
+        """Whether most robots have some of it there, whatever else is missing."""
+        return self.log_odds >= USUAL
+
+    @property
+    def is_wave(self) -> bool:
+        """Whether its parameters are amplitude, frequency and phase.
+
+        Its initial values come in pairs a quarter turn apart then.
+        """
+        return any(p.name == PHASE for p in self.parameters)
+
+    @cached_property
+    def finding_fields(self) -> dict[str, Any]:
+        """What a finding says beside the target and the parameters."""
+        place, names = self.places[0], [f.name for f in self.effect.finding_fields]
+        values = {name: getattr(place, name) for name in names}
+        return {name: value for name, value in values.items() if value is not None}
+
     def is_negligible(self, values: Floats) -> bool:
         """Whether values (p) are as good as nominal, or contradict the effect."""
         each = zip(self.parameters, values, strict=True)
@@ -92,9 +122,7 @@ class Term:
         near = any(off < p.resolution for off, p in apart)
         tiny = [off <= ABSENT_TOLERANCE * p.scale for off, p in apart]
         near |= bool(tiny) and all(tiny)
-        # a wave at its lowest frequency is a bend within the range, of another effect
-        bend = self.effect.is_periodic and values[1] < 1.01 * self.low[1]
-        return bool(near or bend or not self.effect.is_consistent(values))
+        return bool(near or not self.effect.is_consistent(self.parameters, values))
 
     def is_at_bound(self, values: Floats) -> bool:
         """Whether one of the values (p) is at a bound that is no zero of nature.
@@ -121,14 +149,13 @@ class Term:
         return f"{self.effect.name} at {shown}"
 
 
-class Effect:
+class Effect(ABC):
     """Physics that a model may lack; at its nominal values it changes nothing.
 
-    A subclass declares the attributes, overrides `propose_terms`, and one or two of the
-    methods by which an effect acts: `edit_model`, `edit_spec`, `transform_command`,
-    `apply_forces`, `transform_reading`. Values are (p), or (N, p) where N simulations
-    run at once. The schema of diagnosis.json, the report and docs/effects.md are
-    derived from the attributes.
+    A subclass declares the attributes, overrides `propose_terms`, and has one or two
+    of the methods of `protocols`, by which it acts. Values are (p), or (N, p)
+    where N simulations run at once. The schema of diagnosis.json, the report and
+    docs/effects.md are derived from the attributes.
 
     Attributes:
         name: in diagnosis.json.
@@ -145,28 +172,15 @@ class Effect:
         parameters: that a finding states, in their order.
         parameter_sets: names that a finding states together, one tuple for each form;
             empty: all parameters, always.
-        finding_fields: what a finding says beside its target and parameters.
-        is_common: whether most robots have some of it at each single target.
-        rarity: a rank of how seldom a model lacks it, 0 to 2; chosen: people measure
-            lengths (2) better than loads (1), and those better than friction (0).
-        restates_nominal: whether it says that a value or law of the model is wrong.
+        finding_fields: what a finding says beside its target and parameters; its place
+            has attributes of these names, None where the finding says nothing.
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
-        holds_previous_command: whether `transform_command` gives the command as it was
-            when a step began.
-        looks_ahead: how far ahead `transform_command` may look [s].
-        writes_forcerange: whether `apply_forces` writes `StepState.forcerange`.
-        reads_torques: whether `apply_forces` reads `StepState.actuator_torque`.
-        reads_actuators: whether `apply_forces` reads laws and lengths of actuators from
-            `StepState`.
-        native_is_stepwise: whether MuJoCo's native form acts by whole time steps, so
-            that a replay applies the effect itself.
-        rounds_readings: whether its readings jump, so that fits leave it out.
-        is_periodic: whether its parameters are amplitude, frequency and phase, and its
-            initial values come in pairs a quarter turn apart.
+        log_odds: before any data, at one place, beside what is usual [nats].
+        needs: fields of `StepState`, beyond the state, commands and what is added to,
+            that `apply_forces` reads or changes.
     """
 
-    # what it is
     name = ""
     group = ""
     description = ""
@@ -174,27 +188,13 @@ class Effect:
     source = ""
     separate_by = ""
     phrase = ""
-    # what a finding of it states
     target_kinds: tuple[str, ...] = ()
     parameters: tuple[ParameterSpec, ...] = ()
     parameter_sets: tuple[tuple[str, ...], ...] = ()
     finding_fields: tuple[FindingField, ...] = ()
-    # how likely it is before any data
-    is_common = False
-    rarity = 0
-    restates_nominal = False
     overrides: tuple[str, ...] = ()
-    # what a simulation, a fit and a replay have to know of it
-    holds_previous_command = False
-    looks_ahead = 0.0
-    writes_forcerange = False
-    reads_torques = False
-    reads_actuators = False
-    native_is_stepwise = False
-    rounds_readings = False
-    is_periodic = False
-
-    # ---- derived from the declaration
+    log_odds = UNUSUAL
+    needs: frozenset[str] = frozenset()
 
     def __init_subclass__(cls) -> None:
         """Make the docstring of an effect that has none of its own."""
@@ -202,18 +202,37 @@ class Effect:
         if cls.__doc__ is None and cls.description:
             cls.__doc__ = f"{cls.description}\n\n    {cls.equation}\n\n{cls.source}"
 
+    @abstractmethod
+    def propose_terms(self, robot: "RobotSummary") -> list[Term]:
+        """One term for each place where the effect could be."""
+
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        """The place of a finding in any model, for a replay.
+
+        Raises:
+            InputError: the model lacks what the finding is about.
+        """
+        return locate_target(model, finding["target"])
+
+    def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
+        """Whether values (p) of parameters agree with the effect's description."""
+        return True
+
+    def is_whole_in_text(self, place: Place) -> bool:
+        """Whether a patched model that has the native form predicts all of it there."""
+        return True
+
     @property
     def is_native(self) -> bool:
         """Whether plain MuJoCo can do all that the effect does."""
-        ways = ("transform_command", "apply_forces", "transform_reading")
-        acts_outside = any(implements(self, way) for way in ways)
-        return implements(self, "edit_text") or not acts_outside
+        acts_outside = isinstance(self, CommandFilter | JointForce | SensorMap)
+        return isinstance(self, TextForm) or not acts_outside
 
     def list_parameter_sets(self) -> tuple[tuple[str, ...], ...]:
         """Names of parameters that a finding may state, one tuple for each form."""
         return self.parameter_sets or (tuple(p.name for p in self.parameters),)
 
-    def make_parameter(
+    def bound(
         self,
         name: str,
         element: "Joint | Actuator | Channel | None" = None,
@@ -223,7 +242,6 @@ class Effect:
         scale: float,
         nominal: float | None = None,
         resolution: float = 0.0,
-        component: str = "",
     ) -> Parameter:
         """A declared parameter, with its bounds on a robot.
 
@@ -236,7 +254,6 @@ class Effect:
             scale: a change that the robot would show.
             nominal: value at which the effect is absent, where none is declared.
             resolution: distance from the nominal value that simulation errors hide.
-            component: of a parameter that is a vector; its name gets "_COMPONENT".
 
         Raises:
             TypeError: no nominal value is declared, and none is given.
@@ -248,111 +265,26 @@ class Effect:
         unit = spec.unit or ""
         if element is not None:
             unit = convert_unit(spec.unit, element.unit)
-        full_name = f"{name}_{component}" if component else name
-        return Parameter(full_name, unit, absent, low, high, scale, resolution)
+        return Parameter(name, unit, absent, low, high, scale, resolution)
 
-    # ---- where it could be
-
-    def propose_terms(self, robot: "RobotSummary") -> list[Term]:
-        """One term for each place where the effect could be."""
-        raise NotImplementedError
-
-    def find_place(self, model: "mujoco.MjModel", finding: Mapping[str, Any]) -> Place:
-        """The place of a finding in any model, for a replay.
-
-        Raises:
-            InputError: the model lacks what the finding is about.
-        """
-        own = [f.name for f in self.finding_fields if f.name in finding]
-        place = locate_target(model, finding["target"])
-        return add_keys(place, **{name: finding[name] for name in own})
-
-    # ---- how likely it is
-
-    def is_usual(self, term: Term) -> bool:
-        """Whether most robots have some of it there, whatever else is missing."""
-        return self.is_common and len(term.targets) == 1
-
-    def is_consistent(self, values: Floats) -> bool:
-        """Whether values (p) agree with the effect's description."""
-        return True
-
-    # ---- how it acts
-
-    def edit_model(
-        self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
-    ) -> None:
-        """Change fields of a compiled model.
+    def make_term(
+        self,
+        target: str,
+        place: Place,
+        parameters: Sequence[Parameter],
+        initial_values: Starts,
+        log_odds: float | None = None,
+    ) -> Term:
+        """A term of the effect at one place.
 
         Args:
-            model: compiled, to be changed.
-            place: where the effect acts, in that model.
-            values: (p) of the parameters.
+            target: as the contract writes it ("joint:knee").
+            place: in the given model.
+            parameters: with their bounds.
+            initial_values: that a fit may begin at, each (p).
+            log_odds: other than the effect's own [nats].
         """
-
-    def edit_spec(self, spec: "mujoco.MjSpec", place: Mapping[str, Any]) -> None:
-        """Add elements to a model before it is compiled."""
-
-    def transform_command(
-        self, ctrl: Floats, step: float, place: Mapping[str, Any], values: Floats
-    ) -> Floats:
-        """Commands as they reach the actuators.
-
-        Args:
-            ctrl: (1 or N, G, nu) as they were sent, on a grid.
-            step: of the grid [s].
-            place: where the effect acts; nothing but its `controls` may change.
-            values: (N, p) of the parameters.
-
-        Returns:
-            (N, G, nu) on the same grid.
-        """
-        return ctrl
-
-    def apply_forces(
-        self, state: StepState, place: Mapping[str, Any], values: Floats
-    ) -> None:
-        """Add forces, or change friction and limits, at one step.
-
-        Args:
-            state: of N simulations, to be read and changed.
-            place: where the effect acts, in the simulated model.
-            values: (N, p) of the parameters.
-        """
-
-    def transform_reading(
-        self, place: Mapping[str, Any], values: Floats
-    ) -> Mapping[str, Floats]:
-        """What a sensor makes of the true signal place["signal"], from values (N, p).
-
-        Returns:
-            Of the keys "bias" (N, width) [signal's unit], "gain" (N) [1], "delay" (N)
-            [s] and "step" (N) [signal's unit] those that it changes.
-        """
-        return {}
-
-    def compute_deflection(self, values: Floats, load: float) -> float:
-        """Rest position [rad or m] of the joint that `edit_spec` adds.
-
-        Args:
-            values: (p) of the parameters.
-            load: torque or force that the joint bears [N m or N].
-        """
-        return 0.0
-
-    def edit_text(
-        self, model: "mujoco.MjModel", place: Mapping[str, Any], values: Floats
-    ) -> "Sequence[Set | Insert | Rename] | None":
-        """Edits of the MJCF's text with the same effect; None: the text cannot say it.
-
-        Args:
-            model: compiled, as given or with the joints that effects add.
-            place: where the effect acts, in that model.
-            values: (p) of the parameters.
-        """
-        return None
-
-
-def implements(effect: Effect, method: str) -> bool:
-    """Whether an effect overrides a method ("edit_model", "apply_forces", ...)."""
-    return getattr(type(effect), method) is not getattr(Effect, method)
+        return Term(
+            self, (target,), (place,), tuple(parameters), initial_values,
+            self.log_odds if log_odds is None else log_odds,
+        )  # fmt: skip

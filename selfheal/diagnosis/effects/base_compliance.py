@@ -1,12 +1,21 @@
 """A mount that gives: the base of a robot rocks about an axis, on a spring."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
-from ...mjcf.edit import Insert, format_number
-from .base import Term
-from .by_target import BodyEffect
-from .declaration import FindingField, ParameterSpec
-from .places import Place, add_keys
+from ...mjcf.edit import Edit, Insert, format_number
+from ...recording.data import Floats
+from ..data.robot_summary import RobotSummary
+from .base import Effect, Term
+from .declaration import SELDOM, FindingField, ParameterSpec
+from .places import AddedJointPlace, BodyPlace, Place
+from .protocols import JointAddition, ModelEdit, TextForm
+
+if TYPE_CHECKING:
+    from mujoco import MjModel, MjSpec
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}  # of the world
 # [Hz] at which a robot on a mount that gives swings, where a fit begins; chosen: below
@@ -17,7 +26,24 @@ START_DAMPING_RATIO = 0.1
 MIN_MOTION_SHARE = 1e-6  # of all inertia, that which a base turns with; chosen
 
 
-class BaseCompliance(BodyEffect):
+@dataclass(frozen=True, kw_only=True)
+class BasePlace(BodyPlace, AddedJointPlace):
+    """A base that rocks.
+
+    Attributes:
+        axis: of the world, "x" or "y".
+        direction: the same as a unit vector (3) in the body's frame.
+        inertia: of all that turns with the base [kg m^2].
+    """
+
+    axis: str
+    direction: tuple[float, ...]
+    inertia: float
+
+
+class BaseCompliance(
+    Effect, JointAddition[BasePlace], ModelEdit[BasePlace], TextForm[BasePlace]
+):
     """One hinge and spring between the world and a base that is fixed to it.
 
     Isotropic mounts give about both horizontal axes; the one that gives most is named
@@ -25,6 +51,8 @@ class BaseCompliance(BodyEffect):
     """
 
     name = "base_compliance"
+    group = "body"
+    target_kinds = ("body",)
     description = "The mount gives way: the base rocks about a horizontal axis."
     equation = "tau = -stiffness angle - damping d angle/dt, at the base's origin"
     source = "Lew, Moon 2001, ASME J. Dyn. Syst. 123: passively compliant base"
@@ -37,9 +65,9 @@ class BaseCompliance(BodyEffect):
     finding_fields = (
         FindingField("axis", tuple(AXES), note=": it rocks about the world's {value}."),
     )
-    rarity = 1
+    log_odds = SELDOM
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term for each horizontal axis of each fixed base that carries a robot."""
         model = robot.model
         found = []
@@ -48,58 +76,54 @@ class BaseCompliance(BodyEffect):
                 continue
             for axis in AXES:
                 place = make_base_place(model, body, axis)
-                if place["inertia"] > MIN_MOTION_SHARE:
-                    found.append(self._make_term(robot, place, axis))
+                if place.inertia > MIN_MOTION_SHARE:
+                    found.append(self._make_term(robot, place))
         return found
 
-    def _make_term(self, robot, place: Place, axis: str) -> Term:
-        """The term of one base and axis.
-
-        Args:
-            robot: with the base.
-            place: of the base.
-            axis: "x" or "y".
-        """
-        inertia, most = place["inertia"], place["inertia"] / robot.timestep**2
+    def _make_term(self, robot: RobotSummary, place: BasePlace) -> Term:
+        """The term of one base and axis."""
+        inertia, most = place.inertia, place.inertia / robot.timestep**2
         turns = 2 * np.pi * np.array(START_FREQUENCIES)
         starts = [float(min(inertia * w**2, most / 5)) for w in turns]
         damping = [2 * START_DAMPING_RATIO * np.sqrt(k * inertia) for k in starts]
-        make = self.make_parameter
         k, d = starts[0], float(damping[0])
         parameters = (
-            make("stiffness", low=0.02 * k, high=most, scale=k),
-            make(
+            self.bound("stiffness", low=0.02 * k, high=most, scale=k),
+            self.bound(
                 "damping", nominal=d, low=0.0, high=most * robot.timestep, scale=d
             ),
-        )  # fmt: skip
-        target = f"body:{robot.model.body(place['body']).name}"
+        )
+        target = f"body:{robot.model.body(place.body).name}"
         values = tuple((a, float(b)) for a, b in zip(starts, damping, strict=True))
-        return Term(self, (target,), (place,), parameters, values, {"axis": axis})
+        return self.make_term(target, place, parameters, values)
 
-    def find_place(self, model, finding) -> Place:
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         place = super().find_place(model, finding)
-        return make_base_place(model, place["body"], finding["axis"])
+        assert isinstance(place, BodyPlace)  # by `target_kinds`
+        return make_base_place(model, place.body, finding["axis"])
 
-    def edit_spec(self, spec, place):
+    def edit_spec(self, spec: "MjSpec", place: BasePlace) -> None:
         """Add a hinge without a motor at the base's origin."""
-        if place.get("there"):
+        if place.is_patched:
             return  # a patched model's text has it already
-        body = spec.bodies[place["body"]]
-        body.add_joint(name=body.name + place["suffix"], axis=place["axis"])
+        body = spec.bodies[place.body]
+        body.add_joint(name=place.added_name, axis=place.direction)
 
-    def edit_model(self, model, place, values):
-        joint, dof = place["extra_jnt"], place["extra_dof"]
+    def edit_model(self, model: "MjModel", place: BasePlace, values: Floats) -> None:
+        joint, dof = place.added_joint, place.added_dof
         model.jnt_stiffness[joint], model.dof_damping[dof] = values
 
-    def compute_deflection(self, values, load):
+    def compute_deflection(self, values: Floats, load: float) -> float:
         return float(load / values[0])
 
-    def edit_text(self, model, place, values):
-        name = model.body(place["body"]).name
+    def edit_text(
+        self, model: "MjModel", place: BasePlace, values: Floats
+    ) -> list[Edit]:
+        name = model.body(place.body).name
         attributes = {
-            "name": name + place["suffix"],
+            "name": place.added_name,
             "type": "hinge",
-            "axis": format_number(place["axis"]),
+            "axis": format_number(place.direction),
             "pos": "0 0 0",
             "limited": "false",
             "stiffness": format_number(values[0]),
@@ -110,7 +134,7 @@ class BaseCompliance(BodyEffect):
         return [Insert("body", name, f"<joint {xml}/>")]
 
 
-def is_base(model, body: int) -> bool:
+def is_base(model: "MjModel", body: int) -> bool:
     """Whether a body is fixed to the world, has a mass, and carries what moves."""
     carried = model.body_parentid == body
     return bool(
@@ -123,7 +147,7 @@ def is_base(model, body: int) -> bool:
     )
 
 
-def make_base_place(model, body: int, axis: str) -> Place:
+def make_base_place(model: "MjModel", body: int, axis: str) -> BasePlace:
     """The place of a base that rocks about one of the world's axes.
 
     Args:
@@ -144,5 +168,10 @@ def make_base_place(model, body: int, axis: str) -> Place:
             lever = apart - (apart @ turn) * turn
             inertia += model.body_mass[b] * float(lever @ lever)
             inertia += float(model.body_inertia[b].mean())
-    place: Place = {"body": body, "axis": own, "inertia": inertia}
-    return add_keys(place, suffix=f"_rocks_{axis}", side="base")
+    return BasePlace(
+        body=body,
+        added_name=f"{model.body(body).name}_rocks_{axis}",
+        axis=axis,
+        direction=tuple(own.tolist()),
+        inertia=inertia,
+    )

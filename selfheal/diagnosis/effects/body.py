@@ -1,28 +1,35 @@
 """A body that is not the one the model states: its mass, its shape, its attachment."""
 
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...body.changes import LOST_SHARE, list_subtree
+from ...recording.data import Floats
 from ..data.robot_summary import (
     Joint,
+    MovingBody,
     RobotSummary,
     find_link_axis,
     min_stable_inertia,
 )
 from .base import Term
-from .by_target import BodyEffect, JointEffect
-from .declaration import ParameterSpec
+from .by_target import BodyEffect, JointEffect, join_terms
+from .declaration import SELDOM, Parameters, ParameterSpec, Starts
 from .inertia import add_mass, stretch_body
-from .terms import extend_places
+from .places import BodyPlace, JointPlace
+from .protocols import ModelEdit
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # times a joint's inertia, the rotor of one that is stuck; chosen
 JAMMED_ARMATURE_RATIO = 1000.0
 MAX_JAMMED_RANGE = 0.1  # [rad or m] in which one moves; chosen: a jammed gear gives
-# times a reading's noise, the range of a joint that does not move; chosen: of readings
-MAX_REST_RANGE = 5.0
 
 
-class Payload(BodyEffect):
+class Payload(BodyEffect, ModelEdit[BodyPlace]):
     name = "payload"
     description = "A mass that the model does not have."
     equation = "a point of that mass fixed to the body"
@@ -33,30 +40,32 @@ class Payload(BodyEffect):
         ParameterSpec("mass", "kg", nominal=0.0, nonnegative=True),
         ParameterSpec("position", "m", size=3),  # in the body's frame
     )
-    rarity = 1
+    log_odds = SELDOM
 
-    def make_parameters(self, robot, body):
+    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         position = [
-            self.make_parameter(
-                "position",
-                component=x,
-                nominal=float(body.far_end[i]),
-                low=float(body.box[i, 0]),
-                high=float(body.box[i, 1]),
-                scale=0.3 * body.size,
+            replace(
+                self.bound(
+                    "position",
+                    nominal=float(body.far_end[i]),
+                    low=float(body.box[i, 0]),
+                    high=float(body.box[i, 1]),
+                    scale=0.3 * body.size,
+                ),
+                name=f"position_{x}",
             )
             for i, x in enumerate("xyz")
         ]
         # a light hand may bear much: as much as all that moves
         most = max(5 * body.subtree_mass, sum(b.mass for b in robot.bodies))
-        mass = self.make_parameter("mass", low=0.0, high=most, scale=0.2 * body.mass)
+        mass = self.bound("mass", low=0.0, high=most, scale=0.2 * body.mass)
         return (mass, *position)
 
-    def make_initial_values(self, robot, body):
+    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         m = 0.2 * body.mass
         return tuple((m, *map(float, p)) for p in (body.far_end, body.com))
 
-    def applies_to(self, robot, body):
+    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
         """Of parts that are fixed to each other the last one, such as a gripper."""
         model, inner = robot.model, {0}
         for other in robot.bodies:
@@ -66,11 +75,11 @@ class Payload(BodyEffect):
                 parent = int(model.body_parentid[parent])
         return bool(body.mass) and body.id not in inner
 
-    def edit_model(self, model, place, values):
-        add_mass(model, place["body"], values[0], values[1:])
+    def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
+        add_mass(model, place.body, values[0], values[1:])
 
 
-class ComShift(BodyEffect):
+class ComShift(BodyEffect, ModelEdit[BodyPlace]):
     name = "com_shift"
     description = "The center of mass lies elsewhere."
     equation = "com = stated com + (x, y, z)"
@@ -78,30 +87,29 @@ class ComShift(BodyEffect):
     separate_by = "repeat in another pose"
     phrase = "{at} has its center of mass elsewhere than in the model ({all})"
     parameters = tuple(ParameterSpec(x, "m", nominal=0.0) for x in "xyz")
-    rarity = 1
+    log_odds = SELDOM
 
-    def make_parameters(self, robot, body):
+    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         reach = body.size
         return tuple(
-            self.make_parameter(x, low=-reach, high=reach, scale=0.05 * reach)
-            for x in "xyz"
+            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
         )
 
-    def make_initial_values(self, robot, body):
+    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         """None, from which a fit may go either way; one each way tells its response."""
         scales = [p.scale for p in self.make_parameters(robot, body)]
         return ((0.0, 0.0, 0.0), *map(tuple, np.diag(scales).tolist()))
 
-    def applies_to(self, robot, body):
+    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
         return bool(body.mass)
 
-    def edit_model(self, model, place, values):
-        body = place["body"]
+    def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
+        body = place.body
         model.body_ipos[body] += values
         model.body_sameframe[body] = 0
 
 
-class LinkLength(BodyEffect):
+class LinkLength(BodyEffect, ModelEdit[BodyPlace]):
     name = "link_length"
     description = "The part is longer or shorter than stated."
     equation = "everything in the body scales along it by length / stated length"
@@ -111,26 +119,26 @@ class LinkLength(BodyEffect):
     parameters = (ParameterSpec("length", "m", nonnegative=True, is_in_model=True),)
     overrides = ("length",)
 
-    def make_parameters(self, robot, body):
+    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         now = body.length
         return (
-            self.make_parameter(
+            self.bound(
                 "length", nominal=now, low=0.02 * now, high=2 * now, scale=0.1 * now
             ),
         )
 
-    def make_initial_values(self, robot, body):
+    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         return tuple((share * body.length,) for share in (0.2, 0.6, 0.85, 1.15))
 
-    def applies_to(self, robot, body):
+    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
         return body.length > 0
 
-    def edit_model(self, model, place, values):
-        axis, length = find_link_axis(model, place["body"])
-        stretch_body(model, place["body"], axis, values[0] / length)
+    def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
+        axis, length = find_link_axis(model, place.body)
+        stretch_body(model, place.body, axis, values[0] / length)
 
 
-class MountShift(BodyEffect):
+class MountShift(BodyEffect, ModelEdit[BodyPlace]):
     name = "mount_shift"
     description = "The part is attached elsewhere on its parent."
     equation = "body pos = stated pos + (x, y, z)"
@@ -139,47 +147,39 @@ class MountShift(BodyEffect):
     phrase = "{at} is attached elsewhere than in the model ({all})"
     parameters = tuple(ParameterSpec(x, "m", nominal=0.0) for x in "xyz")
 
-    def make_parameters(self, robot, body):
+    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         reach = self._max_shift(body)
         return tuple(
-            self.make_parameter(x, low=-reach, high=reach, scale=0.05 * reach)
-            for x in "xyz"
+            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
         )
 
-    def make_initial_values(self, robot, body):
+    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         # also a fifth of the way: which foot bears it may change between
         far = 0.2 * self._max_shift(body) * np.eye(3)
         return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
 
-    def _max_shift(self, body) -> float:
+    def _max_shift(self, body: MovingBody) -> float:
         """The farthest [m] that a body's mount may have moved."""
         return max(body.offset, body.size)
 
-    def applies_to(self, robot, body):
+    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
         return not body.is_floating and body.parent != 0
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each body, and one at all that hang on the same parent."""
         found = super().propose_terms(robot)
         by_parent: dict[int, list[Term]] = {}
-        for term in found:
-            parent = int(robot.model.body_parentid[term.places[0]["body"]])
-            by_parent.setdefault(parent, []).append(term)
-        for group in by_parent.values():
-            if len(group) > 1:
-                targets = tuple(t.targets[0] for t in group)
-                places = tuple(t.places[0] for t in group)
-                first = group[0]
-                found.append(
-                    Term(self, targets, places, first.parameters, first.initial_values)
-                )
-        return found
+        bodies = [b for b in robot.bodies if self.applies_to(robot, b)]
+        for body, term in zip(bodies, found, strict=True):
+            by_parent.setdefault(body.parent, []).append(term)
+        groups = [group for group in by_parent.values() if len(group) > 1]
+        return [*found, *map(join_terms, groups)]
 
-    def edit_model(self, model, place, values):
-        model.body_pos[place["body"]] += values
+    def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
+        model.body_pos[place.body] += values
 
 
-class LimbLoss(BodyEffect):
+class LimbLoss(BodyEffect, ModelEdit[BodyPlace]):
     """A lost limb; its joints keep as much of a rotor as their servos need."""
 
     name = "limb_loss"
@@ -189,24 +189,17 @@ class LimbLoss(BodyEffect):
     separate_by = "load the joint above it"
     phrase = "{at} is lost"
 
-    def make_parameters(self, robot, body):
+    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
         return ()
 
-    def make_initial_values(self, robot, body):
+    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         return ((),)
 
-    def applies_to(self, robot, body):
+    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
         return not body.is_floating and body.parent != 0
 
-    def propose_terms(self, robot):
-        parents = robot.model.body_parentid
-        return [
-            extend_places(t, parts=len(list_subtree(parents, t.places[0]["body"])))
-            for t in super().propose_terms(robot)
-        ]
-
-    def edit_model(self, model, place, values):
-        for body in list_subtree(model.body_parentid, place["body"]):
+    def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
+        for body in list_subtree(model.body_parentid, place.body):
             model.body_mass[body] *= LOST_SHARE
             model.body_inertia[body] *= LOST_SHARE
             for dof in np.flatnonzero(model.dof_bodyid == body):
@@ -219,7 +212,7 @@ class LimbLoss(BodyEffect):
             model.geom_conaffinity[geoms] = 0
 
 
-class JointJam(JointEffect):
+class JointJam(JointEffect, ModelEdit[JointPlace]):
     name = "joint_jam"
     group = "body"
     description = "The joint is stuck at an angle."
@@ -229,14 +222,9 @@ class JointJam(JointEffect):
     phrase = "{at} is stuck at {angle}"
     parameters = (ParameterSpec("angle", "rad"),)
 
-    def make_place(self, robot, joint):
-        place = super().make_place(robot, joint)
-        place["still"], place["read"] = _is_still(robot, joint), joint.measured
-        return place
-
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         return (
-            self.make_parameter(
+            self.bound(
                 "angle",
                 joint,
                 nominal=joint.late_center,
@@ -246,26 +234,19 @@ class JointJam(JointEffect):
             ),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         return ((joint.late_center,),)
 
-    def applies_to(self, robot, joint):
+    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
         """Of joints that were not seen to move, or not any more."""
         return joint.late_range < MAX_JAMMED_RANGE or not joint.measured
 
-    def edit_model(self, model, place, values):
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         # a spring of 20 ms period or so, critically damped, that a step can carry, and
         # so heavy a rotor that no torque of the robot bends it
         rate = min(300.0, 1 / model.opt.timestep)
-        inertia = JAMMED_ARMATURE_RATIO * place["inertia"]
-        model.dof_armature[place["dof"]] = inertia
-        model.jnt_stiffness[place["joint"]] = inertia * rate**2
-        model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[0]
-        model.dof_damping[place["dof"]] = 2 * inertia * rate
-
-
-def _is_still(robot: RobotSummary, joint: Joint) -> bool:
-    """Whether a joint's readings end in one position and noise."""
-    kind = "joint_position"
-    own = [c for c in robot.channels if (c.kind, c.target) == (kind, joint.name)]
-    return any(joint.late_range < MAX_REST_RANGE * c.noise[0] for c in own)
+        inertia = JAMMED_ARMATURE_RATIO * place.inertia
+        model.dof_armature[place.dof] = inertia
+        model.jnt_stiffness[place.joint] = inertia * rate**2
+        model.qpos_spring[model.jnt_qposadr[place.joint]] = values[0]
+        model.dof_damping[place.dof] = 2 * inertia * rate

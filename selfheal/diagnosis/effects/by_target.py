@@ -3,17 +3,39 @@
 A subclass gives the parameters at one element of the robot; the terms follow.
 """
 
-from collections.abc import Iterable
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Generic, Protocol, TypeVar
 
-from ..data.robot_summary import RobotSummary
+from ...recording.data import Floats
+from ..data.robot_summary import Actuator, Channel, Joint, MovingBody, RobotSummary
 from .base import Effect, Term
-from .declaration import Parameter
-from .places import Place, actuator_place, joint_place
+from .declaration import RARE, UNUSUAL, Parameters, Starts
+from .places import (
+    ActuatorPlace,
+    BodyPlace,
+    JointPlace,
+    Place,
+    SignalPlace,
+    actuator_place,
+    joint_place,
+)
+from .protocols import SensorMap
 
 
-class TargetEffect(Effect):
+class Element(Protocol):
+    """What has a name in a model or a recording."""
+
+    @property
+    def name(self) -> str:
+        """The name."""
+
+
+E = TypeVar("E", bound=Element)
+
+
+class TargetEffect(Effect, Generic[E]):
     """An effect that is proposed once at each element of a robot that it fits.
 
     Attributes:
@@ -23,27 +45,27 @@ class TargetEffect(Effect):
 
     initial_shares: tuple[float, ...] = (0.3, 1.0)
 
-    def list_elements(self, robot: RobotSummary) -> Iterable[Any]:
+    @abstractmethod
+    def list_elements(self, robot: RobotSummary) -> Sequence[E]:
         """The robot's elements of the effect's first target kind."""
-        raise NotImplementedError
 
-    def make_place(self, robot: RobotSummary, element: Any) -> Place:
+    @abstractmethod
+    def make_place(self, robot: RobotSummary, element: E) -> Place:
         """The place of an element in the given model."""
-        raise NotImplementedError
 
-    def applies_to(self, robot: RobotSummary, element: Any) -> bool:
+    @abstractmethod
+    def make_parameters(self, robot: RobotSummary, element: E) -> Parameters:
+        """The declared parameters, with their bounds at an element."""
+
+    def applies_to(self, robot: RobotSummary, element: E) -> bool:
         """Whether the effect could be at an element."""
         return True
 
-    def make_parameters(
-        self, robot: RobotSummary, element: Any
-    ) -> tuple[Parameter, ...]:
-        """The declared parameters, with their bounds at an element."""
-        raise NotImplementedError
+    def find_log_odds(self, robot: RobotSummary, element: E) -> float:
+        """Log-odds at an element, beside what is usual [nats]."""
+        return self.log_odds
 
-    def make_initial_values(
-        self, robot: RobotSummary, element: Any
-    ) -> tuple[tuple[float, ...], ...]:
+    def make_initial_values(self, robot: RobotSummary, element: E) -> Starts:
         """Values (p) that a fit may begin at, at an element."""
         parameters = self.make_parameters(robot, element)
         return tuple(
@@ -54,32 +76,42 @@ class TargetEffect(Effect):
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each element that the effect applies to."""
         return [
-            Term(
-                self,
-                (f"{self.target_kinds[0]}:{element.name}",),
-                (self.make_place(robot, element),),
+            self.make_term(
+                f"{self.target_kinds[0]}:{element.name}",
+                self.make_place(robot, element),
                 self.make_parameters(robot, element),
                 self.make_initial_values(robot, element),
+                self.find_log_odds(robot, element),
             )
             for element in self.list_elements(robot)
             if self.applies_to(robot, element)
         ]
 
 
-class JointEffect(TargetEffect):
-    """An effect at each hinge and slide (`robot_summary.Joint`)."""
+def join_terms(terms: Sequence[Term]) -> Term:
+    """One term at the targets of several, with the parameters of the first."""
+    return replace(
+        terms[0],
+        targets=tuple(t.targets[0] for t in terms),
+        places=tuple(t.places[0] for t in terms),
+        log_odds=min(terms[0].log_odds, UNUSUAL),
+    )
+
+
+class JointEffect(TargetEffect[Joint]):
+    """An effect at each hinge and slide."""
 
     target_kinds = ("joint",)
 
-    def list_elements(self, robot):
+    def list_elements(self, robot: RobotSummary) -> Sequence[Joint]:
         return robot.joints
 
-    def make_place(self, robot, joint):
-        return joint_place(robot.model, joint.id)
+    def make_place(self, robot: RobotSummary, element: Joint) -> JointPlace:
+        return joint_place(robot.model, element.id)
 
 
-class ActuatorEffect(TargetEffect):
-    """An effect at each actuator (`robot_summary.Actuator`), or at all of them alike.
+class ActuatorEffect(TargetEffect[Actuator]):
+    """An effect at each actuator, or at all of them alike.
 
     Attributes:
         is_shared: whether one cause, such as a bus, a supply or one make of servos,
@@ -90,74 +122,59 @@ class ActuatorEffect(TargetEffect):
     target_kinds = ("actuator",)
     is_shared = False
 
-    def list_elements(self, robot):
+    def list_elements(self, robot: RobotSummary) -> Sequence[Actuator]:
         return robot.actuators
 
-    def make_place(self, robot, actuator):
-        return actuator_place(robot.model, actuator.id)
+    def make_place(self, robot: RobotSummary, element: Actuator) -> ActuatorPlace:
+        return actuator_place(robot.model, element.id)
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each actuator and, of a shared effect, one at all of them."""
         found = super().propose_terms(robot)
         units = {tuple(p.unit for p in t.parameters) for t in found}
         if self.is_shared and len(found) > 1 and len(units) == 1:
-            targets = tuple(t.targets[0] for t in found)
-            places = tuple(t.places[0] for t in found)
-            found.append(replace(found[0], targets=targets, places=places))
+            found.append(join_terms(found))
         return found
 
 
-class BodyEffect(TargetEffect):
-    """An effect at each body that moves (`robot_summary.MovingBody`)."""
+class BodyEffect(TargetEffect[MovingBody]):
+    """An effect at each body that moves."""
 
     group = "body"
     target_kinds = ("body",)
-    rarity = 2
+    log_odds = RARE
 
-    def list_elements(self, robot):
+    def list_elements(self, robot: RobotSummary) -> Sequence[MovingBody]:
         return robot.bodies
 
-    def make_place(self, robot, body):
-        return {"body": body.id}
+    def make_place(self, robot: RobotSummary, element: MovingBody) -> BodyPlace:
+        return BodyPlace(body=element.id)
 
 
-class SensorEffect(TargetEffect):
-    """An effect at each signal that is compared (`robot_summary.Channel`)."""
+class SensorEffect(TargetEffect[Channel], SensorMap[SignalPlace]):
+    """An effect at each signal that is compared."""
 
     group = "measurement"
     target_kinds = ("sensor",)
     initial_shares = (0.3,)
 
-    def list_elements(self, robot):
+    def list_elements(self, robot: RobotSummary) -> Sequence[Channel]:
         return robot.channels
 
-    def make_place(self, robot, signal):
-        return {"signal": signal.name, "kind": signal.kind}
+    def make_place(self, robot: RobotSummary, element: Channel) -> SignalPlace:
+        return SignalPlace(signal=element.name, kind=element.kind)
 
-    def applies_to(self, robot, signal):
-        return signal.width == 1
+    def applies_to(self, robot: RobotSummary, element: Channel) -> bool:
+        return element.width == 1
 
-    def transform_reading(self, place, values):
+    def transform_reading(
+        self, place: SignalPlace, values: Floats
+    ) -> Mapping[str, Floats]:
         return {self.parameters[0].name: values[:, 0]}
 
 
 class WorldEffect(Effect):
-    """An effect on all of the robot's surroundings."""
+    """An effect on all of the robot, or on its surroundings."""
 
     group = "world"
     target_kinds: tuple[str, ...] = ("world",)
-
-    def make_term(
-        self,
-        parameters: tuple[Parameter, ...],
-        initial_values: tuple[tuple[float, ...], ...],
-        place: Place | None = None,
-    ) -> Term:
-        """The term at the world.
-
-        Args:
-            parameters: with their bounds.
-            initial_values: that a fit may begin at, each (p).
-            place: what the effect needs to act there; None: nothing.
-        """
-        return Term(self, ("world",), (place or {},), parameters, initial_values)

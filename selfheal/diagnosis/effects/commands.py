@@ -1,18 +1,34 @@
 """Commands on their way to an actuator: takes arrays of them, gives changed ones."""
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...body.changes import limit_rate
 from ...recording.data import Floats
 
-# steps of a simulation by which a command may act early or late; chosen: an integrator
 # share of a time step below which a delay is how recordings are made: who records a
 # simulation, or a control loop, reads what was computed a moment ago; chosen
 STALE_STEPS = 0.5
+# steps of a simulation by which a command may act early or late; chosen: an integrator
 # of first order moves it by half a step
 SAME_INSTANT_STEPS = 1.5
+MAX_LOOK_AHEAD = 0.3  # [s] by which commands may come early; chosen: no clock is so off
+
+
+@dataclass(frozen=True)
+class CommandGrid:
+    """The times at which commands are given.
+
+    Attributes:
+        step: from one to the next [s].
+        is_mean: whether a command that changes within a step counts by its mean in the
+            step, rather than by what it was when the step began.
+    """
+
+    step: float
+    is_mean: bool = False
 
 
 def change_columns(

@@ -3,10 +3,21 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 TARGET_KINDS = ("joint", "actuator", "body", "geom", "sensor", "world")
 # names that a phrase may use beside the parameters': the target, all parameters, and
 # the two ways to say that a model differs (`selfheal.report.phrases.COMMON`)
 PLACEHOLDERS = ("at", "all", "lacks", "other")
+PHASE = "phase"  # the last parameter of a wave, after its amplitude and frequency
+
+# Log-odds [nats] of an effect at one place before any data, beside one that most robots
+# have some of, whatever else is missing. Chosen: people measure lengths better than
+# loads, and those better than friction, each ten times.
+_TENFOLD = float(np.log(10.0))
+USUAL, UNUSUAL, SELDOM, RARE = 0.0, -0.5 * _TENFOLD, -1.5 * _TENFOLD, -2.5 * _TENFOLD
+
+Starts = tuple[tuple[float, ...], ...]  # values (p) that a fit may begin at
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,9 @@ class Parameter:
     high: float
     scale: float
     resolution: float = 0.0
+
+
+Parameters = tuple[Parameter, ...]
 
 
 @dataclass(frozen=True)

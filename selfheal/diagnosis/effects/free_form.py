@@ -1,18 +1,37 @@
 """A joint torque of any smooth form, which shows how much an effect could explain."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from ...recording.data import Floats
 from ..data.robot_summary import Joint, RobotSummary
 from .by_target import JointEffect
-from .declaration import Parameter, ParameterSpec
-from .places import Place, add_keys
+from .declaration import Parameters, ParameterSpec, Starts
+from .places import JointPlace
+from .protocols import JointForce, StepState
 
 BASIS = ("constant", "position", "position^2", "position^3", "velocity",
          "velocity |velocity|", "sign of velocity", "sign of velocity x position",
          "velocity x position")  # fmt: skip
 
 
-class FreeFormTorque(JointEffect):
+@dataclass(frozen=True, kw_only=True)
+class MovedPlace(JointPlace):
+    """A joint, and how it moved.
+
+    Attributes:
+        range_center: of the positions seen [rad or m].
+        range: of them, from end to end [rad or m].
+        speed: root mean square of the velocity [rad/s or m/s].
+    """
+
+    range_center: float
+    range: float
+    speed: float
+
+
+class FreeFormTorque(JointEffect, JointForce[MovedPlace]):
     """A joint torque that is a smooth function of position, velocity and load.
 
     It is no effect of the catalogue: the share of the error that it removes is what
@@ -23,32 +42,29 @@ class FreeFormTorque(JointEffect):
     group = "unlisted"
     parameters = tuple(ParameterSpec(name, "N m", nominal=0.0) for name in BASIS)
 
-    def make_place(self, robot: RobotSummary, joint: Joint) -> Place:
-        place = super().make_place(robot, joint)
-        return add_keys(
-            place,
-            range_center=joint.range_center,
-            range=joint.range,
-            speed=joint.speed,
+    def make_place(self, robot: RobotSummary, joint: Joint) -> MovedPlace:
+        return (
+            super()
+            .make_place(robot, joint)
+            .extend(
+                MovedPlace,
+                range_center=joint.range_center,
+                range=joint.range,
+                speed=joint.speed,
+            )
         )
 
-    def make_parameters(
-        self, robot: RobotSummary, joint: Joint
-    ) -> tuple[Parameter, ...]:
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         reach = 3 * joint.torque
         return tuple(
-            self.make_parameter(
-                name, joint, low=-reach, high=reach, scale=0.1 * joint.torque
-            )
+            self.bound(name, joint, low=-reach, high=reach, scale=0.1 * joint.torque)
             for name in BASIS
         )
 
-    def make_initial_values(
-        self, robot: RobotSummary, joint: Joint
-    ) -> tuple[tuple[float, ...], ...]:
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         return ((0.0,) * len(BASIS),)
 
-    def apply_forces(self, state, place, values):
+    def apply_forces(self, state: StepState, place: MovedPlace, values: Floats) -> None:
         """Add a weighted sum of the basis.
 
         Args:
@@ -56,11 +72,9 @@ class FreeFormTorque(JointEffect):
             place: of the joint.
             values: (N, p) weights [N m or N].
         """
-        middle, range_ = place["range_center"], place["range"]
-        x = np.clip(2 * (state.qpos[:, place["qpos"]] - middle) / range_, -2, 2)
-        v = np.clip(state.qvel[:, place["dof"]] / place["speed"], -4, 4)
+        middle, range_ = place.range_center, place.range
+        x = np.clip(2 * (state.qpos[:, place.qpos] - middle) / range_, -2, 2)
+        v = np.clip(state.qvel[:, place.dof] / place.speed, -4, 4)
         dry = np.tanh(10 * v)
         basis = (np.ones_like(x), x, x**2, x**3, v, v * np.abs(v), dry, dry * x, v * x)
-        state.applied_force[:, place["dof"]] += np.sum(
-            values * np.stack(basis, 1), axis=1
-        )
+        state.applied_force[:, place.dof] += np.sum(values * np.stack(basis, 1), axis=1)

@@ -4,15 +4,30 @@ A parameter that MJCF has too (damping, frictionloss) is the joint's new total. 
 the place of what the model states, also of that value when it is fitted again.
 """
 
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..data.robot_summary import RobotSummary
+from ...recording.data import Floats
+from ..data.robot_summary import Joint, RobotSummary
 from .base import Term
 from .by_target import JointEffect
-from .declaration import FindingField, ParameterSpec
-from .terms import extend_places
+from .declaration import (
+    UNUSUAL,
+    USUAL,
+    FindingField,
+    Parameter,
+    Parameters,
+    ParameterSpec,
+    Starts,
+)
+from .places import JointPlace, Place
+from .protocols import JointForce, ModelEdit, StepState
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 BOTH = "both"  # sides of a gear
 # share of a friction by which its two directions have to differ; chosen: less is
@@ -20,7 +35,7 @@ BOTH = "both"  # sides of a gear
 MIN_ASYMMETRY = 0.05
 
 
-def torque_scale(robot: RobotSummary, joint) -> float:
+def torque_scale(robot: RobotSummary, joint: Joint) -> float:
     """Torque [N m or N] in which bounds of a joint's torques are given.
 
     The joint's typical torque does not count what motors give, so a third of what they
@@ -36,7 +51,7 @@ class FrictionEffect(JointEffect):
     group = "friction"
 
 
-class ViscousFriction(FrictionEffect):
+class ViscousFriction(FrictionEffect, ModelEdit[JointPlace]):
     name = "viscous_friction"
     description = "A torque against the motion, proportional to speed."
     equation = "tau = -damping v"
@@ -46,20 +61,18 @@ class ViscousFriction(FrictionEffect):
     parameters = (
         ParameterSpec("damping", "N m s/rad", nonnegative=True, is_in_model=True),
     )
-    is_common = True
+    log_odds = USUAL
     overrides = ("damping",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale = 0.2 * joint.torque / joint.speed
         now = float(robot.model.dof_damping[joint.dof])
         high = 10 * torque_scale(robot, joint) / joint.speed + 10 * now
         return (
-            self.make_parameter(
-                "damping", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("damping", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         (p,) = self.make_parameters(robot, joint)
         none = ((0.0,),) if p.nominal else ()
         return (
@@ -69,11 +82,11 @@ class ViscousFriction(FrictionEffect):
             *none,
         )
 
-    def edit_model(self, model, place, values):
-        model.dof_damping[place["dof"]] = values[0]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_damping[place.dof] = values[0]
 
 
-class QuadraticDamping(FrictionEffect):
+class QuadraticDamping(FrictionEffect, ModelEdit[JointPlace]):
     name = "quadratic_damping"
     description = "A torque against the motion that grows with the square of speed."
     equation = "tau = -damping2 v |v|"
@@ -84,21 +97,19 @@ class QuadraticDamping(FrictionEffect):
         ParameterSpec("damping2", "N m s^2/rad^2", nonnegative=True, is_in_model=True),
     )
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale = 0.2 * joint.torque / joint.speed**2
         now = float(robot.model.dof_dampingpoly[joint.dof, 0])
         high = 10 * torque_scale(robot, joint) / joint.speed**2 + 10 * now
         return (
-            self.make_parameter(
-                "damping2", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("damping2", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
-    def edit_model(self, model, place, values):
-        model.dof_dampingpoly[place["dof"], 0] = values[0]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_dampingpoly[place.dof, 0] = values[0]
 
 
-class CoulombFriction(FrictionEffect):
+class CoulombFriction(FrictionEffect, ModelEdit[JointPlace]):
     name = "coulomb_friction"
     description = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
@@ -108,37 +119,35 @@ class CoulombFriction(FrictionEffect):
     parameters = (
         ParameterSpec("frictionloss", "N m", nonnegative=True, is_in_model=True),
     )
-    is_common = True
+    log_odds = USUAL
     overrides = ("frictionloss",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
         return (
-            self.make_parameter(
+            self.bound(
                 "frictionloss", joint, nominal=now, low=0.0, high=high, scale=scale
             ),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         (p,) = self.make_parameters(robot, joint)
         none = ((0.0,),) if p.nominal else ()
         return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,), *none)
 
-    def edit_model(self, model, place, values):
-        model.dof_frictionloss[place["dof"]] = values[0]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_frictionloss[place.dof] = values[0]
 
 
-def _dry_friction_bounds(robot: RobotSummary, joint) -> tuple[float, float, float]:
+def _dry_friction_bounds(
+    robot: RobotSummary, joint: Joint
+) -> tuple[float, float, float]:
     """Dry friction [N m or N] of a joint: the model's, a search's step, the largest."""
     now = float(robot.model.dof_frictionloss[joint.dof])
     return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
 
 
-# Stribeck velocities that a fit begins with, as shares of the joint's top speed; chosen
-START_SPEEDS = (0.02, 0.1, 0.3)
-
-
-class StribeckFriction(FrictionEffect):
+class StribeckFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPlace]):
     """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "stribeck_friction"
@@ -156,13 +165,14 @@ class StribeckFriction(FrictionEffect):
     )
     overrides = ("frictionloss",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
-        make = self.make_parameter
         return (
-            make("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
-            make("static", joint, nominal=now, low=0.0, high=2 * high, scale=scale),
-            make(
+            self.bound("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
+            self.bound(
+                "static", joint, nominal=now, low=0.0, high=2 * high, scale=scale
+            ),
+            self.bound(
                 "stribeck_velocity",
                 joint,
                 nominal=0.1 * joint.speed,
@@ -172,27 +182,38 @@ class StribeckFriction(FrictionEffect):
             ),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         (now, t, _), v = _dry_friction_bounds(robot, joint), joint.speed
         return (
             (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
             (now + t, now + 3 * t, 0.02 * v),
         )  # fmt: skip
 
-    def is_consistent(self, values):
+    def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(values[1] > values[0])
 
-    def edit_model(self, model, place, values):
-        model.dof_frictionloss[place["dof"]] = values[0]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_frictionloss[place.dof] = values[0]
 
-    def apply_forces(self, state, place, values):
-        dof = place["dof"]
+    def apply_forces(self, state: StepState, place: JointPlace, values: Floats) -> None:
+        dof = place.dof
         coulomb, static, speed = values.T
         slow = np.exp(-((state.qvel[:, dof] / speed) ** 2))
         state.frictionloss[:, dof] += (static - coulomb) * slow
 
 
-class LoadDependentFriction(FrictionEffect):
+@dataclass(frozen=True, kw_only=True)
+class GearPlace(JointPlace):
+    """A joint behind a gear.
+
+    Attributes:
+        side: "both" where the load drives the gear as well; None: the motor alone.
+    """
+
+    side: str | None = None
+
+
+class LoadDependentFriction(FrictionEffect, JointForce[GearPlace]):
     """Friction of what the motor gives, or of the mean of that and the load.
 
     The mean (BAM's gearbox torque, halved) is of a gear that the load drives as well.
@@ -213,41 +234,49 @@ class LoadDependentFriction(FrictionEffect):
         ParameterSpec("load_coefficient", "1", nominal=0.0, nonnegative=True),
     )
     finding_fields = (FindingField("side", (BOTH,), is_required=False),)
-    is_common = True
-    reads_torques = True
+    log_odds = USUAL
+    needs = frozenset({"actuator_torque", "bias_torque"})
 
-    def make_parameters(self, robot, joint):
-        return (self.make_parameter("load_coefficient", low=0.0, high=1.5, scale=0.1),)
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
+        return (self.bound("load_coefficient", low=0.0, high=1.5, scale=0.1),)
 
-    def applies_to(self, robot, joint):
+    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
         return any(a.dof == joint.dof for a in robot.actuators)
 
-    def propose_terms(self, robot):
+    def make_place(self, robot: RobotSummary, joint: Joint) -> GearPlace:
+        return super().make_place(robot, joint).extend(GearPlace)
+
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        place = super().find_place(model, finding)
+        return place.extend(GearPlace, side=finding.get("side"))
+
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each driven joint, and one of both sides of its gear.
 
         Of the motor's side alone where something touches the robot: contact forces
         load its joints then, and the second side stands for weight and motion only.
         """
         found = super().propose_terms(robot)
-        return found if robot.has_contact else [*found, *map(_use_both_sides, found)]
+        if robot.has_contact:
+            return found
+        return [*found, *map(self._use_both_sides, found)]
 
-    def is_usual(self, term):
-        return super().is_usual(term) and not term.finding_fields
+    @staticmethod
+    def _use_both_sides(term: Term) -> Term:
+        """The term with the mean of both sides of the gear as its load."""
+        (place,) = term.places
+        assert isinstance(place, GearPlace)  # by `make_place`
+        return replace(term, places=(replace(place, side=BOTH),), log_odds=UNUSUAL)
 
-    def apply_forces(self, state, place, values):
-        dof = place["dof"]
+    def apply_forces(self, state: StepState, place: GearPlace, values: Floats) -> None:
+        dof = place.dof
         load = state.actuator_torque[:, dof]
-        if place.get("side") == BOTH:
+        if place.side == BOTH:
             load = (load + state.bias_torque[:, dof]) / 2
         state.frictionloss[:, dof] += values[:, 0] * np.abs(load)
 
 
-def _use_both_sides(term: Term) -> Term:
-    """The term with the mean of both sides of the gear as its load."""
-    return replace(extend_places(term, side=BOTH), finding_fields={"side": BOTH})
-
-
-class AsymmetricFriction(FrictionEffect):
+class AsymmetricFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPlace]):
     """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "asymmetric_friction"
@@ -262,26 +291,24 @@ class AsymmetricFriction(FrictionEffect):
     )
     overrides = ("frictionloss",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now, scale, high = _dry_friction_bounds(robot, joint)
         return tuple(
-            self.make_parameter(
-                name, joint, nominal=now, low=0.0, high=high, scale=scale
-            )
+            self.bound(name, joint, nominal=now, low=0.0, high=high, scale=scale)
             for name in ("positive", "negative")
         )
 
-    def is_consistent(self, values):
+    def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         now, t, _ = _dry_friction_bounds(robot, joint)
         pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
         return tuple((now + a * t, now + b * t) for a, b in pairs)
 
     # a mean friction and a constant torque: the same, also where the joint sticks
-    def edit_model(self, model, place, values):
-        model.dof_frictionloss[place["dof"]] = values.mean()
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_frictionloss[place.dof] = values.mean()
 
-    def apply_forces(self, state, place, values):
-        state.applied_force[:, place["dof"]] -= (values[:, 0] - values[:, 1]) / 2
+    def apply_forces(self, state: StepState, place: JointPlace, values: Floats) -> None:
+        state.applied_force[:, place.dof] -= (values[:, 0] - values[:, 1]) / 2

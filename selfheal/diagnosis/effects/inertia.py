@@ -1,17 +1,22 @@
 """Mass and shape of a body of a compiled model: takes a change, edits the fields."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...recording.data import Floats
 
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
-def spatial_inertia(model, body: int) -> Floats:
+
+def spatial_inertia(model: "MjModel", body: int) -> Floats:
     """Inertia (3, 3) [kg m^2] of a body about its center of mass, in its frame."""
-    turn = _rotation_matrix(model.body_iquat[body])
+    turn = rotation_matrix(model.body_iquat[body])
     return turn @ np.diag(model.body_inertia[body]) @ turn.T
 
 
-def _rotation_matrix(quaternion: Floats) -> Floats:
+def rotation_matrix(quaternion: Floats) -> Floats:
     """The rotation matrix (3, 3) of a quaternion (4)."""
     import mujoco
 
@@ -21,7 +26,7 @@ def _rotation_matrix(quaternion: Floats) -> Floats:
 
 
 def set_spatial_inertia(
-    model, body: int, mass: float, com: Floats, inertia: Floats
+    model: "MjModel", body: int, mass: float, com: Floats, inertia: Floats
 ) -> None:
     """Give a body a mass, a center of mass and an inertia.
 
@@ -35,7 +40,7 @@ def set_spatial_inertia(
     import mujoco
 
     old = model.body_iquat[body].copy()
-    turn = _rotation_matrix(old)
+    turn = rotation_matrix(old)
     moments, further = _principal_axes(turn.T @ inertia @ turn)
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, further.ravel())
@@ -65,12 +70,12 @@ def _principal_axes(inertia: Floats) -> tuple[Floats, Floats]:
     return np.diag(turned), axes
 
 
-def _point_inertia(mass: float, at: Floats) -> Floats:
+def point_inertia(mass: float, at: Floats) -> Floats:
     """Inertia (3, 3) [kg m^2] of a point mass [kg] at (3) [m], about the origin."""
     return mass * (at @ at * np.eye(3) - np.outer(at, at))
 
 
-def add_mass(model, body: int, mass: float, at: Floats) -> None:
+def add_mass(model: "MjModel", body: int, mass: float, at: Floats) -> None:
     """Fix a point mass to a body, by Steiner's theorem.
 
     Args:
@@ -84,13 +89,13 @@ def add_mass(model, body: int, mass: float, at: Floats) -> None:
     com = (m * c + mass * at) / total
     inertia = (
         spatial_inertia(model, body)
-        + _point_inertia(m, c - com)
-        + _point_inertia(mass, at - com)
+        + point_inertia(m, c - com)
+        + point_inertia(mass, at - com)
     )
     set_spatial_inertia(model, body, total, com, inertia)
 
 
-def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
+def stretch_body(model: "MjModel", body: int, axis: Floats, ratio: float) -> None:
     """Scale a body along an axis: its mass, geoms, sites, and where children hang.
 
     The mass stays; its second moments scale with the square of the ratio.
@@ -112,14 +117,14 @@ def stretch_body(model, body: int, axis: Floats, ratio: float) -> None:
             model.body_pos[child] = grow @ model.body_pos[child]
     for geom in np.flatnonzero(model.geom_bodyid == body):
         model.geom_pos[geom] = grow @ model.geom_pos[geom]
-        along_own = np.abs(_rotation_matrix(model.geom_quat[geom]).T @ axis)
+        along_own = np.abs(rotation_matrix(model.geom_quat[geom]).T @ axis)
         if along_own.max() > 0.99:
             _stretch_geom(model, int(geom), int(along_own.argmax()), ratio)
     for site in np.flatnonzero(model.site_bodyid == body):
         model.site_pos[site] = grow @ model.site_pos[site]
 
 
-def _stretch_geom(model, geom: int, axis: int, ratio: float) -> None:
+def _stretch_geom(model: "MjModel", geom: int, axis: int, ratio: float) -> None:
     """Scale a geom along one of its own axes, where its type has a size along it.
 
     Args:

@@ -4,14 +4,24 @@ What a model states of a limit is where these effects are absent. They take its 
 a stop may be farther in, farther out, or beyond all that was seen.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ...recording import find_controls, find_output
 from ...recording.actuator_laws import has_affine_force, is_pid
-from .base import Term
-from .by_target import ActuatorEffect, JointEffect
-from .declaration import FindingField, Parameter, ParameterSpec
-from .places import AT_JOINT, add_keys
+from ...recording.data import Floats
+from ..data.robot_summary import Actuator, Joint, RobotSummary
+from .base import Effect, Term
+from .by_target import ActuatorEffect
+from .declaration import FindingField, Parameters, ParameterSpec, Starts
+from .places import AT_JOINT, ActuatorPlace, JointPlace, Place, joint_place
+from .protocols import ModelEdit
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # the end of a joint's range that has none [rad or m]; chosen: beyond any position
 UNLIMITED_RANGE = 1e6
@@ -19,10 +29,22 @@ UNLIMITED_RANGE = 1e6
 UNLIMITED_SHARE = 1.1
 
 
-class HardStop(JointEffect):
+@dataclass(frozen=True, kw_only=True)
+class StopPlace(JointPlace):
+    """One end of a joint's range.
+
+    Attributes:
+        side: -1 the lower or 1 the upper one.
+    """
+
+    side: int
+
+
+class HardStop(Effect, ModelEdit[StopPlace]):
     """A stop that takes the place of the one that the model states at that end."""
 
     name = "hard_stop"
+    target_kinds = ("joint",)
     group = "transmission"
     description = (
         "A stop, or an obstacle, that the joint cannot pass; in the place of one that "
@@ -39,7 +61,7 @@ class HardStop(JointEffect):
     parameter_sets = (("range",), ("range", "timeconst"))
     finding_fields = (FindingField("side", (-1, 1)),)
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """Two terms at each hinge and slide, one for each end of its range."""
         return [
             self._make_term(robot, joint, side)
@@ -47,65 +69,64 @@ class HardStop(JointEffect):
             for side in (-1, 1)
         ]
 
-    def edit_model(self, model, place, values):
-        joint, (stop, *soft) = place["joint"], values
+    def edit_model(self, model: "MjModel", place: StopPlace, values: Floats) -> None:
+        joint, (stop, *soft) = place.joint, values
         low, high = -UNLIMITED_RANGE, UNLIMITED_RANGE
         if model.jnt_limited[joint]:
             low, high = model.jnt_range[joint]
-        ends = (stop, max(high, stop)) if place["side"] < 0 else (min(low, stop), stop)
+        ends = (stop, max(high, stop)) if place.side < 0 else (min(low, stop), stop)
         if not model.jnt_limited[joint] or ends != (low, high):
             model.jnt_solref[joint, : len(soft)] = soft
         model.jnt_range[joint] = np.clip(ends, -UNLIMITED_RANGE, UNLIMITED_RANGE)
         model.jnt_limited[joint] = 1
 
-    def _make_term(self, robot, joint, side: int) -> Term:
-        """The term of one end of a joint's range.
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return (
+            super().find_place(model, finding).extend(StopPlace, side=finding["side"])
+        )
 
-        Args:
-            robot: with the joint.
-            joint: a hinge or slide.
-            side: -1 the lower or 1 the upper end.
-        """
+    def _make_term(self, robot: RobotSummary, joint: Joint, side: int) -> Term:
+        """The term of the lower (-1) or upper (1) end of a joint's range."""
         # the farthest position that was seen
         end = joint.range_center + side * joint.range / 2
         stated = _stated_end(robot.model, joint, side)
         reach = 0.5 * joint.range
         reached = end if np.isinf(stated) else side * max(side * end, side * stated)
         low, high = sorted((end - side * reach, reached + side * reach))
-        stop = self.make_parameter(
+        stop = self.bound(
             "range", joint, nominal=stated, low=low, high=high, scale=0.1 * joint.range
         )
         starts = [end - side * 0.02 * joint.range, end - side * 0.1 * joint.range]
         if side * (end - stated) > -0.02 * joint.range:  # the stated one is in the way
             starts.append(end + side * 0.1 * joint.range)
-        place = add_keys(self.make_place(robot, joint), side=side)
         soft = self._make_softness(robot, joint)
-        return Term(
-            self, (f"joint:{joint.name}",), (place,), (stop, *soft),
+        return self.make_term(
+            f"joint:{joint.name}",
+            joint_place(robot.model, joint.id).extend(StopPlace, side=side),
+            (stop, *soft),
             tuple((start, *(p.nominal for p in soft)) for start in starts),
-            {"side": side},
-        )  # fmt: skip
+        )
 
-    def _make_softness(self, robot, joint) -> tuple[Parameter, ...]:
+    def _make_softness(self, robot: RobotSummary, joint: Joint) -> Parameters:
         """The contact's time constant, where solref has one and motion was read."""
         time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
         if time < hard or robot.has_only_poses:
             return ()
         return (
-            self.make_parameter(
+            self.bound(
                 "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
             ),
         )
 
 
-def _stated_end(model, joint, side: int) -> float:
+def _stated_end(model: "MjModel", joint: Joint, side: int) -> float:
     """The end of a joint's range as the model states it; infinite where it does not."""
     if not model.jnt_limited[joint.id]:
         return side * np.inf
     return float(model.jnt_range[joint.id, int(side > 0)])
 
 
-class TorqueSaturation(ActuatorEffect):
+class TorqueSaturation(ActuatorEffect, ModelEdit[ActuatorPlace]):
     """A limit in the place of those that the model states; of a motor ctrlrange too."""
 
     name = "torque_saturation"
@@ -119,13 +140,13 @@ class TorqueSaturation(ActuatorEffect):
     phrase = "{at} cannot give more than {limit}, {other}"
     parameters = (ParameterSpec("limit", "N m", nonnegative=True, is_in_model=True),)
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
         high = 20 * most
         if np.isfinite(stated):
             high = max(high, 2 * stated)
         return (
-            self.make_parameter(
+            self.bound(
                 "limit",
                 actuator,
                 nominal=stated,
@@ -135,7 +156,7 @@ class TorqueSaturation(ActuatorEffect):
             ),
         )
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
         base = min(most, stated)
         starts = [s * base for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)]
@@ -143,14 +164,16 @@ class TorqueSaturation(ActuatorEffect):
             starts = [UNLIMITED_SHARE * most, *starts]
         return tuple((start,) for start in starts)
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         model, a = robot.model, actuator.id
         # at a site the gear is a direction
         geared = model.actuator_gear[find_output(model, a), 0] != 0
         return geared and (has_affine_force(model, a) or is_pid(model, a))
 
-    def edit_model(self, model, place, values):
-        a, stated = place["actuator"], stated_limit(model, place["actuator"])
+    def edit_model(
+        self, model: "MjModel", place: ActuatorPlace, values: Floats
+    ) -> None:
+        a, stated = place.actuator, stated_limit(model, place.actuator)
         most = values[0] / abs(model.actuator_gear[find_output(model, a), 0])
         limited = model.actuator_forcelimited[a]
         given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
@@ -161,7 +184,7 @@ class TorqueSaturation(ActuatorEffect):
         model.actuator_forcelimited[a] = 1
 
 
-def stated_limit(model, actuator: int) -> float:
+def stated_limit(model: "MjModel", actuator: int) -> float:
     """The largest torque [N m or N] that a model lets an actuator give; or infinity."""
     gear = abs(model.actuator_gear[find_output(model, actuator), 0])
     limits = [np.inf]
@@ -175,7 +198,7 @@ def stated_limit(model, actuator: int) -> float:
     return float(min(limits))
 
 
-def widen_limits(model, actuator: int, limit: float) -> None:
+def widen_limits(model: "MjModel", actuator: int, limit: float) -> None:
     """Scale what a model states of an actuator's limits up to a larger one.
 
     Args:
@@ -196,7 +219,7 @@ def widen_limits(model, actuator: int, limit: float) -> None:
         ends *= max(1.0, limit / (factor * np.abs(ends).max()))
 
 
-def _find_limited_control(model, actuator: int) -> int:
+def _find_limited_control(model: "MjModel", actuator: int) -> int:
     """Index into ctrl of a motor's one command with a ctrlrange; -1: there is none."""
     controls = find_controls(model, actuator)
     is_motor = has_affine_force(model, actuator) and (
@@ -213,7 +236,7 @@ def _find_limited_control(model, actuator: int) -> int:
     return int(controls[0]) if model.actuator_ctrlrange[controls[0]].any() else -1
 
 
-def _find_limited_joint(model, actuator: int) -> int:
+def _find_limited_joint(model: "MjModel", actuator: int) -> int:
     """Id of an actuator's joint with an actuatorfrcrange; -1: there is none."""
     joint = int(model.actuator_trnid[actuator, 0])
     at_joint = model.actuator_trntype[actuator] in AT_JOINT

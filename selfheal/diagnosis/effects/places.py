@@ -1,130 +1,248 @@
 """Where an effect acts: takes a compiled model and a name, gives indices into it."""
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypedDict
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Self, TypeVar
+
+import numpy as np
 
 from ...errors import InputError
 from ...recording import find_controls, find_output
 from ...recording.actuator_laws import find_goal
-from ...recording.data import Floats
 
 if TYPE_CHECKING:
-    import mujoco
+    from mujoco import MjModel
 
 HINGE, SLIDE = 3, 2  # mjtJoint
 AT_JOINT = (0, 1)  # mjtTrn: joint, jointinparent
+MOTOR, LINK = "motor", "link"  # where a joint's encoder sits
+P = TypeVar("P", bound="Place")
 
 
-class Place(TypedDict, total=False):
-    """Where an effect acts, and what it needs to know there; a key it lacks is absent.
-
-    A mapping, so that an effect of another package can add keys of its own. Indices are
-    those of the given model. `ModelVariant.map_place` renumbers `joint`, `dof`, `qpos`,
-    `other_dof` and `other_qpos` for a model with added joints, and adds `extra_*`.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Numbering:
+    """A model that may have more joints than the given one, whose joints it numbers.
 
     Attributes:
-        joint: id of a hinge or slide, or of the one that the effect acts on.
-        dof: index of the joint's velocity in qvel; an actuator's is its joint's.
-        qpos: index of the joint's position in qpos; an actuator's is its joint's.
+        model: compiled; a diverged state is not reset.
+        dof: (nv of the given model) indices of its degrees of freedom in this model.
+        qpos: (nq of the given model) indices of its positions in this model.
+        joint: (njnt of the given model) ids of its joints in this model.
+    """
+
+    model: "MjModel"
+    dof: np.ndarray
+    qpos: np.ndarray
+    joint: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where an effect acts, and what it needs to know there: the robot as a whole.
+
+    Indices are those of the given model, until `renumber` gives those of another one.
+    An effect of another package may add fields in a subclass of its own.
+
+    Attributes:
+        is_patched: whether the model is a patched one, which has what MuJoCo can do of
+            the effect.
+    """
+
+    is_patched: bool = False
+
+    def renumber(self, numbering: Numbering) -> Self:
+        """Give the same place in a model with added joints."""
+        return self
+
+    def extend(self, kind: type[P], **more: Any) -> P:
+        """Give the place as one of a subclass, with what that knows more."""
+        return kind(**{f.name: getattr(self, f.name) for f in fields(self)}, **more)
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointPlace(Place):
+    """A joint.
+
+    Attributes:
+        joint: its id.
+        dof: index of its velocity in qvel.
+        qpos: index of its position in qpos.
         inertia: at the joint, as MuJoCo's dof_M0 [kg m^2 or kg].
-        other_dof: `dof` of the joint that a spring couples to this one.
-        other_qpos: `qpos` of that joint.
-        suffix: what the added joint's name has after the joint's; its presence says
-            that the effect adds a joint.
-        extra_jnt: id of the added joint.
-        extra_dof: index of its velocity in qvel.
-        extra_qpos: index of its position in qpos.
-        there: whether the model is a patched one, which has the effect's native part.
-        actuator: id of an actuator.
-        controls: indices into ctrl of its controls.
-        goal: index into ctrl of the position that it is commanded to hold.
-        gear: its first gear ratio [1, or m at a slide].
-        output: index of its output, of which it may have several.
-        begins: "settled" where an integral begins at what the first moments ask for.
-        body: id of a body.
-        bodies: ids of the bodies whose weight a controller carries.
-        parts: how many bodies are lost with it, itself included.
-        still: whether the readings of the joint are one position and noise.
-        geom: id of a geom.
-        geoms: ids of the geoms of the world that something which moves can touch.
-        signal: name of a signal of the recordings.
-        kind: of that signal, as the contract names it.
-        field: name of the field of mjOption that the effect sets.
-        side: -1 or 1, at the lower or the upper end, of a hard stop. "motor" or "link",
-            where the encoder sits, of a joint with an added one. "both", of a gear.
-            "base", of a joint below a base.
-        measured: as the finding states it, "motor" or "link".
-        axis: (3) unit vector in the body's frame, along which it is stretched.
-        principal_axis: index of a principal axis of inertia.
-        range_center: of the positions seen of a joint [rad or m].
-        range: of the positions seen, from end to end [rad or m].
-        speed: root mean square of the joint's velocity [rad/s or m/s].
     """
 
     joint: int
     dof: int
     qpos: int
     inertia: float
-    other_dof: int
-    other_qpos: int
-    suffix: str
-    extra_jnt: int
-    extra_dof: int
-    extra_qpos: int
-    there: bool
-    actuator: int
+
+    def renumber(self, numbering: Numbering) -> Self:
+        """Give the same place in a model with added joints."""
+        return replace(
+            super().renumber(numbering),
+            joint=int(numbering.joint[self.joint]),
+            dof=int(numbering.dof[self.dof]),
+            qpos=int(numbering.qpos[self.qpos]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AddedJointPlace(Place):
+    """Where an effect adds a joint.
+
+    Attributes:
+        added_name: name of the added joint.
+        added_joint: its id, once the place is renumbered for a model that has it.
+        added_dof: index of its velocity in qvel.
+        added_qpos: index of its position in qpos.
+    """
+
+    added_name: str
+    added_joint: int = -1
+    added_dof: int = -1
+    added_qpos: int = -1
+
+    def renumber(self, numbering: Numbering) -> Self:
+        """Give the same place in a model with added joints."""
+        added = numbering.model.joint(self.added_name)
+        return replace(
+            super().renumber(numbering),
+            added_joint=added.id,
+            added_dof=int(added.dofadr[0]),
+            added_qpos=int(added.qposadr[0]),
+        )
+
+    @property
+    def loaded_dof(self) -> int:
+        """Index in qvel of the joint by whose load the added one deflects."""
+        return self.added_dof
+
+
+@dataclass(frozen=True, kw_only=True)
+class SecondJointPlace(JointPlace, AddedJointPlace):
+    """A motor's joint, and a link's behind it.
+
+    Attributes:
+        measured: where the joint's encoder sits, "motor" or "link".
+    """
+
+    measured: str
+
+    @property
+    def loaded_dof(self) -> int:
+        """Index in qvel of the motor's joint."""
+        return self.dof
+
+    @property
+    def is_read_behind(self) -> bool:
+        """Whether the encoder reads the sum of both joints."""
+        return self.measured == LINK
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlsPlace(Place):
+    """Commands on their way.
+
+    Attributes:
+        controls: their indices into ctrl.
+    """
+
     controls: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorPlace(ControlsPlace):
+    """An actuator, with the hinge or slide that it drives.
+
+    Attributes:
+        actuator: its id.
+        goal: index into ctrl of the position that it is commanded to hold; -1: none.
+        gear: its first gear ratio [1, or m at a slide].
+        output: index of its output, of which it may have several.
+        dof: index of its joint's velocity in qvel; -1: it drives no hinge or slide.
+        qpos: index of its joint's position in qpos; -1: likewise.
+    """
+
+    actuator: int
     goal: int
     gear: float
     output: int
-    begins: str
+    dof: int = -1
+    qpos: int = -1
+
+    def renumber(self, numbering: Numbering) -> Self:
+        """Give the same place in a model with added joints."""
+        if self.dof < 0:
+            return super().renumber(numbering)
+        return replace(
+            super().renumber(numbering),
+            dof=int(numbering.dof[self.dof]),
+            qpos=int(numbering.qpos[self.qpos]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyPlace(Place):
+    """A body.
+
+    Attributes:
+        body: its id.
+    """
+
     body: int
-    bodies: tuple[int, ...]
-    parts: int
-    still: bool
-    geom: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeomsPlace(Place):
+    """One geom or several.
+
+    Attributes:
+        geoms: their ids.
+    """
+
     geoms: tuple[int, ...]
-    signal: str
-    kind: str
-    field: str
-    side: Any
-    measured: str
-    axis: Floats
-    principal_axis: int
-    range_center: float
-    range: float
-    speed: float
 
 
-def joint_place(model: "mujoco.MjModel", joint: int) -> Place:
-    """The place of a hinge or slide, by its id."""
+@dataclass(frozen=True, kw_only=True)
+class SignalPlace(Place):
+    """A signal of the recordings, or all of a kind.
+
+    Attributes:
+        signal: its name; empty: all signals of the kind.
+        kind: as the contract names it; empty where a finding alone is known.
+    """
+
+    signal: str = ""
+    kind: str = ""
+
+
+def joint_place(model: "MjModel", joint: int) -> JointPlace:
+    """The place of a joint, by its id."""
     dof = int(model.jnt_dofadr[joint])
-    return {
-        "joint": joint,
-        "dof": dof,
-        "qpos": int(model.jnt_qposadr[joint]),
-        "inertia": float(model.dof_M0[dof]),
-    }
+    return JointPlace(
+        joint=joint,
+        dof=dof,
+        qpos=int(model.jnt_qposadr[joint]),
+        inertia=float(model.dof_M0[dof]),
+    )
 
 
-def actuator_place(model: "mujoco.MjModel", actuator: int) -> Place:
-    """The place of an actuator, by its id, with the hinge or slide that it drives."""
-    place: Place = {
-        "actuator": actuator,
-        "controls": find_controls(model, actuator),
-        "gear": float(model.actuator_gear[find_output(model, actuator), 0]),
-    }
-    if (goal := find_goal(model, actuator)) >= 0:
-        place["goal"] = goal
+def actuator_place(model: "MjModel", actuator: int) -> ActuatorPlace:
+    """The place of an actuator, by its id."""
+    output = find_output(model, actuator)
     joint = int(model.actuator_trnid[actuator, 0])
     at_joint = model.actuator_trntype[actuator] in AT_JOINT
-    if at_joint and model.jnt_type[joint] in (HINGE, SLIDE):
-        place["dof"] = int(model.jnt_dofadr[joint])
-        place["qpos"] = int(model.jnt_qposadr[joint])
-    return place
+    drives = at_joint and model.jnt_type[joint] in (HINGE, SLIDE)
+    return ActuatorPlace(
+        actuator=actuator,
+        controls=find_controls(model, actuator),
+        goal=find_goal(model, actuator),
+        gear=float(model.actuator_gear[output, 0]),
+        output=output,
+        dof=int(model.jnt_dofadr[joint]) if drives else -1,
+        qpos=int(model.jnt_qposadr[joint]) if drives else -1,
+    )
 
 
-def locate_target(model: "mujoco.MjModel", target: str) -> Place:
+def locate_target(model: "MjModel", target: str) -> Place:
     """The place that a target names ("joint:knee", "world"), in any model.
 
     Raises:
@@ -132,9 +250,9 @@ def locate_target(model: "mujoco.MjModel", target: str) -> Place:
     """
     kind, _, name = target.partition(":")
     if kind == "sensor":  # a signal's name, of which a model knows nothing
-        return {"signal": name}
+        return SignalPlace(signal=name)
     if kind == "world":
-        return {}
+        return Place()
     try:
         element = int(getattr(model, kind)(name).id)
     except KeyError as error:
@@ -145,16 +263,6 @@ def locate_target(model: "mujoco.MjModel", target: str) -> Place:
         return joint_place(model, element)
     if kind == "actuator":
         return actuator_place(model, element)
-    return {"body": element} if kind == "body" else {"geom": element}
-
-
-def name_added_joint(model: "mujoco.MjModel", place: Mapping[str, Any]) -> str:
-    """Name of the joint that an effect adds at a place: to a joint, or to a body."""
-    at = model.joint(place["joint"]) if "joint" in place else model.body(place["body"])
-    return f"{at.name}{place['suffix']}"
-
-
-def add_keys(place: Mapping[str, Any], **more: Any) -> Place:
-    """A place with more keys, which replace those of the same name."""
-    out: dict[str, Any] = {**place, **more}
-    return out  # type: ignore[return-value]
+    if kind == "body":
+        return BodyPlace(body=element)
+    return GeomsPlace(geoms=(element,))

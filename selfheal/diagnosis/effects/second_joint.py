@@ -4,17 +4,22 @@ The given joint becomes the motor's. A joint of the same axis behind it lets the
 move against the motor (MuJoCo manual, Modeling: Backlash).
 """
 
-from dataclasses import replace
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
-from ...mjcf.edit import Insert, Set, format_number
-from ..data.robot_summary import min_stable_inertia
+from ...mjcf.edit import Edit, Insert, Set, format_number
+from ...recording.data import Floats
+from ..data.robot_summary import Joint, RobotSummary, min_stable_inertia
+from .base import Term
 from .by_target import JointEffect
 from .declaration import FindingField
-from .places import Place, add_keys
-from .terms import extend_places
+from .places import LINK, MOTOR, SLIDE, JointPlace, Place, SecondJointPlace
+from .protocols import JointAddition, ModelEdit, TextForm
 
-MOTOR, LINK = "motor", "link"  # where a joint's encoder sits
+if TYPE_CHECKING:
+    from mujoco import MjModel, MjSpec
+
 # field of mjModel of each attribute that the second joint may have
 FIELDS = {
     "range": "jnt_range",
@@ -35,7 +40,12 @@ ALONE: dict[str, Any] = {
 }
 
 
-class SecondJointEffect(JointEffect):
+class SecondJointEffect(
+    JointEffect,
+    JointAddition[SecondJointPlace],
+    ModelEdit[SecondJointPlace],
+    TextForm[SecondJointPlace],
+):
     """An effect that needs a second joint behind the motor's.
 
     The motor's side has the rotor's armature as its inertia. Where the model states
@@ -57,39 +67,58 @@ class SecondJointEffect(JointEffect):
     suffix = ""
     min_inertia_share = 0.01
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term for each side, motor's and link's, where the encoder may sit.
 
         At the last joint of a body only, as MuJoCo puts a new joint behind the others
         and turns its axis with them. Not where the new joint's name is taken.
         """
-        found, body = [], robot.model.jnt_bodyid
-        taken = {j.name for j in robot.joints}
-        for term in super().propose_terms(robot):
-            joint = robot.joint_by_id(term.places[0]["joint"])
-            last = body[joint.id] not in body[joint.id + 1 :]
-            if not last or joint.name + self.suffix in taken:
-                continue
-            for side in (MOTOR, LINK) if joint.measured else (MOTOR,):
-                term_of_side = extend_places(term, suffix=self.suffix, side=side)
-                found.append(replace(term_of_side, finding_fields={"measured": side}))
-        return found
+        return [
+            self.make_term(
+                f"joint:{joint.name}",
+                self._extend(self.make_place(robot, joint), joint.name, side),
+                self.make_parameters(robot, joint),
+                self.make_initial_values(robot, joint),
+            )
+            for joint in robot.joints
+            if self.applies_to(robot, joint)
+            for side in ((MOTOR, LINK) if joint.measured else (MOTOR,))
+        ]
 
-    def find_place(self, model, finding) -> Place:
-        place = super().find_place(model, finding)
-        return add_keys(place, suffix=self.suffix, side=finding.get("measured"))
+    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
+        body = robot.model.jnt_bodyid
+        is_last = body[joint.id] not in body[joint.id + 1 :]
+        return is_last and joint.name + self.suffix not in {
+            j.name for j in robot.joints
+        }
 
-    def edit_spec(self, spec, place):
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        name, side = finding["target"].partition(":")[2], finding["measured"]
+        return self._extend(super().find_place(model, finding), name, side)
+
+    def _extend(self, place: Place, name: str, side: str) -> SecondJointPlace:
+        """The place of a joint of a name, with the encoder at a side."""
+        return place.extend(
+            SecondJointPlace,
+            added_name=name + self.suffix,
+            measured=side,
+        )
+
+    def is_whole_in_text(self, place: Place) -> bool:
+        """Not where the joint is read behind the added one, which MJCF cannot say."""
+        return not (isinstance(place, SecondJointPlace) and place.is_read_behind)
+
+    def edit_spec(self, spec: "MjSpec", place: SecondJointPlace) -> None:
         """Add a joint of the same axis between the motor and the body it moves."""
-        if place.get("there"):
+        if place.is_patched:
             return  # a patched model's text has it already
         # joints are added from the last one on, so that this id still holds
-        joint = spec.joints[place["joint"]]
-        light = self.min_inertia_share * place["inertia"]
+        joint = spec.joints[place.joint]
+        light = self.min_inertia_share * place.inertia
         # between two added joints MuJoCo needs some inertia
         third = joint.parent.joints[-1].name != joint.name
         extra = joint.parent.add_joint(
-            name=joint.name + self.suffix,
+            name=place.added_name,
             type=joint.type,
             axis=joint.axis,
             pos=joint.pos,
@@ -100,36 +129,47 @@ class SecondJointEffect(JointEffect):
             extra.set_frame(joint.frame)
         joint.armature = max(joint.armature, light)
 
-    def edit_model(self, model, place, values):
-        if not place.get("there"):
-            model.dof_armature[place["dof"]] = self.motor_inertia(model, place)
+    def edit_model(
+        self, model: "MjModel", place: SecondJointPlace, values: Floats
+    ) -> None:
+        if not place.is_patched:
+            model.dof_armature[place.dof] = self.motor_inertia(model, place)
         numbers = self.joint_attributes(model, values)
-        model.jnt_limited[place["extra_jnt"]] = "range" in numbers
+        model.jnt_limited[place.added_joint] = "range" in numbers
         for name, value in numbers.items():
             field = getattr(model, FIELDS[name])
-            at = place["extra_" + FIELDS[name][:3]]
+            is_joints = FIELDS[name].startswith("jnt")
+            at = place.added_joint if is_joints else place.added_dof
             field[at] = value if field.ndim > 1 else value[0]
 
-    def motor_inertia(self, model, place) -> float:
+    def motor_inertia(self, model: "MjModel", place: JointPlace) -> float:
         """Inertia of the motor's side [kg m^2 or kg]: the model's, or the least stable.
 
         A limit's constraint ignores implicit damping. It is too soft beside a side so
         light that its servo's damping stops it in one step.
         """
-        armature = float(model.dof_armature[place["dof"]])
-        servo = min_stable_inertia(model, place["joint"])
-        return max(armature, servo, self.min_inertia_share * place["inertia"])
+        armature = float(model.dof_armature[place.dof])
+        servo = min_stable_inertia(model, place.joint)
+        return max(armature, servo, self.min_inertia_share * place.inertia)
 
-    def joint_attributes(self, model, values) -> dict[str, tuple[float, ...]]:
+    @abstractmethod
+    def joint_attributes(
+        self, model: "MjModel", values: Floats
+    ) -> dict[str, tuple[float, ...]]:
         """MJCF attributes of the second joint; angles [rad], slides [m]."""
-        raise NotImplementedError
 
-    def edit_text(self, model, place, values):
-        joint = model.joint(place["joint"])
-        slide = model.jnt_type[joint.id] == 2
-        own = ALONE | {"armature": model.dof_armature[place["extra_dof"]]}
+    @abstractmethod
+    def compute_deflection(self, values: Floats, load: float) -> float:
+        """Rest position [rad or m] of the second joint under a load [N m or N]."""
+
+    def edit_text(
+        self, model: "MjModel", place: SecondJointPlace, values: Floats
+    ) -> list[Edit]:
+        joint = model.joint(place.joint)
+        slide = model.jnt_type[joint.id] == SLIDE
+        own = ALONE | {"armature": model.dof_armature[place.added_dof]}
         predicted = {
-            "name": joint.name + self.suffix,
+            "name": place.added_name,
             "type": "slide" if slide else "hinge",
             "axis": format_number(joint.axis),
             "pos": format_number(joint.pos),

@@ -1,14 +1,12 @@
 """What several terms are to each other, and terms changed."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from ...recording.data import Floats
 from .base import Term
-from .places import add_keys
+from .measurement import Quantization
 
 
 def is_distinct(term: Term, kept: Sequence[Term]) -> bool:
@@ -29,11 +27,6 @@ def find_other_forms(term: Term, among: Sequence[Term]) -> list[Term]:
         and t.key != term.key
         and (t.effect is term.effect or overridden & set(t.effect.overrides))
     ]
-
-
-def extend_places(term: Term, **more: Any) -> Term:
-    """The term with more keys in each of its places."""
-    return replace(term, places=tuple(add_keys(place, **more) for place in term.places))
 
 
 def find_overridden(term: Term, terms: Sequence[Term]) -> list[int]:
@@ -81,6 +74,9 @@ def list_restated_columns(
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
     """Values (n, P) in which those that round readings are nominal."""
-    each = [(t.effect.rounds_readings, p.nominal) for t in terms for p in t.parameters]
+    each = [
+        (isinstance(t.effect, Quantization), p.nominal)
+        for t in terms for p in t.parameters
+    ]  # fmt: skip
     rounds = np.array([r for r, _ in each], bool)
     return np.where(rounds, [nominal for _, nominal in each], values)

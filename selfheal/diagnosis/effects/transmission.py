@@ -1,13 +1,31 @@
 """Physics of the transmission between motor and link: inertia, springs, stops, play."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Self
+
 import numpy as np
 
-from .base import Term
+from ...recording.data import Floats
+from ..data.robot_summary import Joint, RobotSummary
+from .base import Effect, Term
 from .by_target import JointEffect
-from .declaration import FindingField, ParameterSpec
+from .declaration import (
+    SELDOM,
+    USUAL,
+    FindingField,
+    Parameter,
+    Parameters,
+    ParameterSpec,
+    Starts,
+)
 from .friction import torque_scale
-from .places import Place, add_keys, locate_target
+from .places import JointPlace, Numbering, Place, joint_place, locate_target
+from .protocols import JointForce, ModelEdit, StepState
 from .second_joint import SecondJointEffect
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # fewest periods a turn of magnets or teeth, or in a slide's range; chosen: fewer are
 # those of gravity, or of a spring
@@ -25,7 +43,7 @@ class TransmissionEffect(JointEffect):
     group = "transmission"
 
 
-class Armature(TransmissionEffect):
+class Armature(TransmissionEffect, ModelEdit[JointPlace]):
     name = "armature"
     description = "Inertia of the rotor, seen through the gear."
     equation = "tau = -armature a"
@@ -35,22 +53,20 @@ class Armature(TransmissionEffect):
     parameters = (
         ParameterSpec("armature", "kg m^2", nonnegative=True, is_in_model=True),
     )
-    is_common = True
+    log_odds = USUAL
     overrides = ("armature",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         now = float(robot.model.dof_armature[joint.dof])
         # behind a gear of 200 a rotor weighs hundreds of times as much as a light link;
         # a wrist may have the drive of a shoulder
         alike = [j.inertia for j in robot.joints if j.unit == joint.unit]
         high, scale = now * 10 + 300 * max(alike), 0.3 * joint.inertia
         return (
-            self.make_parameter(
-                "armature", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
+            self.bound("armature", joint, nominal=now, low=0.0, high=high, scale=scale),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         (p,) = self.make_parameters(robot, joint)
         return (
             (p.nominal + 0.3 * p.scale,),
@@ -59,11 +75,11 @@ class Armature(TransmissionEffect):
             (p.nominal / 2,),
         )
 
-    def edit_model(self, model, place, values):
-        model.dof_armature[place["dof"]] = values[0]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_armature[place.dof] = values[0]
 
 
-class JointSpring(TransmissionEffect):
+class JointSpring(TransmissionEffect, ModelEdit[JointPlace]):
     """A spring whose stiffness and springref take the place of the model's."""
 
     name = "joint_spring"
@@ -78,7 +94,7 @@ class JointSpring(TransmissionEffect):
     )
     overrides = ("stiffness",)
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale = 0.2 * joint.torque / joint.range
         high = 10 * torque_scale(robot, joint) / joint.range
         reach = 5 * joint.range + 1
@@ -87,13 +103,16 @@ class JointSpring(TransmissionEffect):
         first = min(ref, joint.range_center) - reach
         last = max(ref, joint.range_center) + reach
         most, known = high + 10 * now, SPRINGREF_RESOLUTION * joint.range
-        make = self.make_parameter
         return (
-            make("stiffness", joint, nominal=now, low=0.0, high=most, scale=scale),
-            make("springref", joint, nominal=ref, low=first, high=last, scale=known),
+            self.bound(
+                "stiffness", joint, nominal=now, low=0.0, high=most, scale=scale
+            ),
+            self.bound(
+                "springref", joint, nominal=ref, low=first, high=last, scale=known
+            ),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         stiffness, ref = self.make_parameters(robot, joint)
         k = stiffness.nominal + stiffness.scale
         ends = (joint.range_center + joint.range, joint.range_center - joint.range)
@@ -103,12 +122,12 @@ class JointSpring(TransmissionEffect):
         soft = tuple((k, q) for q in (ref.nominal, *ends))
         return (*soft, (stiff, ref.nominal), (stiff, joint.range_center))
 
-    def edit_model(self, model, place, values):
-        model.jnt_stiffness[place["joint"]] = values[0]
-        model.qpos_spring[model.jnt_qposadr[place["joint"]]] = values[1]
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.jnt_stiffness[place.joint] = values[0]
+        model.qpos_spring[model.jnt_qposadr[place.joint]] = values[1]
 
 
-class Cogging(TransmissionEffect):
+class Cogging(TransmissionEffect, JointForce[JointPlace]):
     name = "cogging"
     description = "A torque that repeats with the angle, of magnets or a gear's teeth."
     equation = "tau = amplitude sin(poles q + phase)"
@@ -120,22 +139,20 @@ class Cogging(TransmissionEffect):
         ParameterSpec("poles", "1", nonnegative=True),
         ParameterSpec("phase", "rad", nominal=0.0),
     )
-    rarity = 1
-    is_periodic = True
+    log_odds = SELDOM
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
         least, apart = self._count_bounds(joint)
         few, many, step = 2.5 * least, 50 * least, 0.5 * apart
-        make = self.make_parameter
         return (
-            make("amplitude", joint, low=0.0, high=high, scale=scale),
-            make("poles", nominal=few, low=least, high=many, scale=step),
+            self.bound("amplitude", joint, low=0.0, high=high, scale=scale),
+            self.bound("poles", nominal=few, low=least, high=many, scale=step),
             # an angle of the wave, also at a slide
-            make("phase", low=-10.0, high=10.0, scale=0.5),
+            self.bound("phase", low=-10.0, high=10.0, scale=0.5),
         )
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         a = 0.01 * joint.torque  # small, so that the answer is linear
         least, apart = self._count_bounds(joint)
         apart = max(1.0, apart) if joint.unit == "rad" else apart
@@ -146,7 +163,7 @@ class Cogging(TransmissionEffect):
         return tuple((a, n, p) for n in counts.tolist() for p in (0.0, np.pi / 2))
 
     @staticmethod
-    def _count_bounds(joint) -> tuple[float, float]:
+    def _count_bounds(joint: Joint) -> tuple[float, float]:
         """The fewest poles, and the step to the next count that is tried.
 
         Two waves of neighboring counts part by two radians within the joint's range.
@@ -155,16 +172,43 @@ class Cogging(TransmissionEffect):
         least = MIN_PERIODS_OF_SLIDE * np.pi * apart
         return MIN_POLES if joint.unit == "rad" else least, apart
 
-    def apply_forces(self, state, place, values):
+    def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
+        # at its lowest frequency it is a bend within the range, of another effect
+        return not values[1] < 1.01 * parameters[1].low
+
+    def apply_forces(self, state: StepState, place: JointPlace, values: Floats) -> None:
         amplitude, poles, phase = values.T
-        angle = state.qpos[:, place["qpos"]]
-        state.applied_force[:, place["dof"]] += amplitude * np.sin(
-            poles * angle + phase
+        angle = state.qpos[:, place.qpos]
+        state.applied_force[:, place.dof] += amplitude * np.sin(poles * angle + phase)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoupledPlace(JointPlace):
+    """A joint that a spring couples to another one.
+
+    Attributes:
+        other: the other one, as a finding names it.
+        other_dof: index of its velocity in qvel.
+        other_qpos: index of its position in qpos.
+    """
+
+    other: str
+    other_dof: int
+    other_qpos: int
+
+    def renumber(self, numbering: Numbering) -> Self:
+        """Give the same place in a model with added joints."""
+        return replace(
+            super().renumber(numbering),
+            other_dof=int(numbering.dof[self.other_dof]),
+            other_qpos=int(numbering.qpos[self.other_qpos]),
         )
 
 
-class JointCoupling(TransmissionEffect):
+class JointCoupling(Effect, JointForce[CoupledPlace]):
     name = "joint_coupling"
+    group = "transmission"
+    target_kinds = ("joint",)
     description = "A spring between two joints, a cable that runs over both perhaps."
     equation = "tau = -stiffness (q - ratio q_other), and ratio times its opposite"
     source = "MuJoCo tendon/fixed, stiffness"
@@ -175,9 +219,9 @@ class JointCoupling(TransmissionEffect):
         ParameterSpec("ratio", "1", nominal=1.0),
     )
     finding_fields = (FindingField("other", target_kind="joint"),)
-    rarity = 1
+    log_odds = SELDOM
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term for each pair that a cable may run over, at the first of them."""
         return [
             self._make_term(robot, a, b)
@@ -186,39 +230,33 @@ class JointCoupling(TransmissionEffect):
             if a.id < b.id and _are_near(robot.model.dof_parentid, a.dof, b.dof)
         ]
 
-    def _make_term(self, robot, a, b) -> Term:
-        """The term of a spring between two joints.
-
-        Args:
-            robot: with the joints.
-            a: the joint that the term is at.
-            b: the other joint.
-        """
+    def _make_term(self, robot: RobotSummary, a: Joint, b: Joint) -> Term:
+        """The term of a spring between two joints."""
         # what both bear: the weaker joint's, or a start is far from all that could be
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range
         parameters = (
-            self.make_parameter("stiffness", a, low=0.0, high=high, scale=scale),
-            self.make_parameter("ratio", low=-5.0, high=5.0, scale=0.3),
+            self.bound("stiffness", a, low=0.0, high=high, scale=scale),
+            self.bound("ratio", low=-5.0, high=5.0, scale=0.3),
         )
-        place = _couple(self.make_place(robot, a), self.make_place(robot, b))
+        place = _couple(joint_place(robot.model, a.id), f"joint:{b.name}", b)
         sizes = (min(k * scale, high) for k in (0.2, 2.0, 15.0))
         starts = tuple((size, ratio) for size in sizes for ratio in (1.0, -1.0))
-        return Term(
-            self, (f"joint:{a.name}",), (place,), parameters, starts,
-            {"other": f"joint:{b.name}"},
-        )  # fmt: skip
+        return self.make_term(f"joint:{a.name}", place, parameters, starts)
 
-    def find_place(self, model, finding):
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         other = locate_target(model, finding["other"])
-        return _couple(locate_target(model, finding["target"]), other)
+        assert isinstance(other, JointPlace)  # `FindingField.target_kind`
+        return _couple(super().find_place(model, finding), finding["other"], other)
 
-    def apply_forces(self, state, place, values):
+    def apply_forces(
+        self, state: StepState, place: CoupledPlace, values: Floats
+    ) -> None:
         stiffness, ratio = values.T
-        q = state.qpos[:, place["qpos"]]
-        pull = stiffness * (q - ratio * state.qpos[:, place["other_qpos"]])
-        state.applied_force[:, place["dof"]] -= pull
-        state.applied_force[:, place["other_dof"]] += ratio * pull
+        q = state.qpos[:, place.qpos]
+        pull = stiffness * (q - ratio * state.qpos[:, place.other_qpos])
+        state.applied_force[:, place.dof] -= pull
+        state.applied_force[:, place.other_dof] += ratio * pull
 
 
 def _are_near(parents: np.ndarray, dof: int, later: int) -> bool:
@@ -238,9 +276,11 @@ def _are_near(parents: np.ndarray, dof: int, later: int) -> bool:
     return later == dof
 
 
-def _couple(place: Place, other: Place) -> Place:
-    """The place of a joint that is coupled to another one."""
-    return add_keys(place, other_dof=other["dof"], other_qpos=other["qpos"])
+def _couple(place: Place, name: str, other: Joint | JointPlace) -> CoupledPlace:
+    """The place of a joint that is coupled to another one, of that name."""
+    return place.extend(
+        CoupledPlace, other=name, other_dof=other.dof, other_qpos=other.qpos
+    )
 
 
 class Backlash(SecondJointEffect):
@@ -257,17 +297,17 @@ class Backlash(SecondJointEffect):
     # compared between 0.001 and 0.01: changes least where the gap is shut
     min_inertia_share = 0.003
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         scale = 0.03 * joint.range
-        return (
-            self.make_parameter("gap", joint, low=0.0, high=joint.range, scale=scale),
-        )
+        return (self.bound("gap", joint, low=0.0, high=joint.range, scale=scale),)
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         # a gap twice as wide as the true one explains as little as none
         return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
 
-    def joint_attributes(self, model, values):
+    def joint_attributes(
+        self, model: "MjModel", values: Floats
+    ) -> dict[str, tuple[float, ...]]:
         half = max(float(values[0]) / 2, MIN_HALF_GAP)
         # the shortest time constant that MuJoCo computes; the damping ratio was
         # compared between 0.7 and 2: this one changes least where the gap is shut
@@ -275,7 +315,7 @@ class Backlash(SecondJointEffect):
         soft = 0.9, 0.95, 0.001, 0.5, 2.0  # MuJoCo's default
         return {"range": (-half, half), "solreflimit": hard, "solimplimit": soft}
 
-    def compute_deflection(self, values, load):
+    def compute_deflection(self, values: Floats, load: float) -> float:
         return float(np.sign(load) * values[0] / 2)
 
 
@@ -292,34 +332,35 @@ class Compliance(SecondJointEffect):
     )
     suffix = "_flex"
 
-    def make_parameters(self, robot, joint):
+    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
         most = self._max_stiffness(robot, joint)
         damped = most * robot.timestep  # stops all that the joint does in one step
         k = min(joint.torque / (0.03 * joint.range), most / 5)
         d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
-        make = self.make_parameter
         return (
-            make("stiffness", joint, low=0.02 * k, high=most, scale=k),
-            make("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
+            self.bound("stiffness", joint, low=0.02 * k, high=most, scale=k),
+            self.bound("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
         )
 
-    def _max_stiffness(self, robot, joint) -> float:
+    def _max_stiffness(self, robot: RobotSummary, joint: Joint) -> float:
         """Stiffness [N m/rad or N/m] at which the joint swings once in six steps.
 
         MuJoCo takes a spring's torque as constant over a step: at three it diverges.
         """
-        motor = self.motor_inertia(robot.model, self.make_place(robot, joint))
+        motor = self.motor_inertia(robot.model, joint_place(robot.model, joint.id))
         link = joint.inertia - float(robot.model.dof_armature[joint.dof])
         link = max(link, self.min_inertia_share * joint.inertia)
         return motor * link / (motor + link) / robot.timestep**2
 
-    def make_initial_values(self, robot, joint):
+    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
         k, d = (p.scale for p in self.make_parameters(robot, joint))
         return ((k, d), (0.3 * k, d), (5 * k, d))
 
-    def joint_attributes(self, model, values):
+    def joint_attributes(
+        self, model: "MjModel", values: Floats
+    ) -> dict[str, tuple[float, ...]]:
         k, d = map(float, values)
         return {"stiffness": (k, 0.0, 0.0), "damping": (d, 0.0, 0.0)}
 
-    def compute_deflection(self, values, load):
+    def compute_deflection(self, values: Floats, load: float) -> float:
         return float(load / values[0])

@@ -1,7 +1,9 @@
 """Physics of the robot's surroundings: gravity, the medium around it, the ground."""
 
+from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,8 +13,12 @@ from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from .base import Term
 from .by_target import WorldEffect
-from .declaration import FindingField, ParameterSpec
-from .places import Place
+from .declaration import SELDOM, FindingField, Parameter, ParameterSpec
+from .places import GeomsPlace, Place
+from .protocols import ModelEdit
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 MAX_TILT = 0.5  # [rad] of a slope that nobody saw; chosen
 # share of the largest torque of weight below which a direction has none; chosen:
@@ -23,7 +29,19 @@ RANDOM_POSES = 16  # random ones, whose torques of weight are compared; chosen
 TILT_TOLERANCE = 0.01
 
 
-class Slope(WorldEffect):
+@dataclass(frozen=True, kw_only=True)
+class SlopePlace(Place):
+    """The ground below a robot.
+
+    Attributes:
+        side: 1 or -1, of the two ways in which a flat robot's plane may slope; None:
+            any azimuth.
+    """
+
+    side: int | None = None
+
+
+class Slope(WorldEffect, ModelEdit[Place]):
     name = "slope"
     description = "What is taken for horizontal is tilted."
     equation = "gravity turned by tilt towards the downhill direction azimuth"
@@ -36,32 +54,35 @@ class Slope(WorldEffect):
     )
     finding_fields = (FindingField("side", (1, -1), is_required=False),)
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term of any azimuth, or two of a robot whose parts move in one plane."""
         if not np.linalg.norm(robot.model.opt.gravity):
             return []
-        tilt = self.make_parameter("tilt", low=0.0, high=MAX_TILT, scale=0.03)
+        tilt = self.bound("tilt", low=0.0, high=MAX_TILT, scale=0.03)
         plane = _find_plane_azimuths(robot.model)
         if plane is None:
-            azimuth = self.make_parameter("azimuth", low=-10.0, high=10.0, scale=0.5)
+            azimuth = self.bound("azimuth", low=-10.0, high=10.0, scale=0.5)
             turns = np.deg2rad((0, 90, 180, -90))
             starts = tuple((0.05, float(a)) for a in turns)
-            return [self.make_term((tilt, azimuth), starts)]
+            return [self.make_term("world", SlopePlace(), (tilt, azimuth), starts)]
         # across its plane a slope would only seem to weaken the gravity
         found = []
         for side, a in enumerate(plane):
             low, high = a - TILT_TOLERANCE, a + TILT_TOLERANCE
-            azimuth = self.make_parameter(
+            azimuth = self.bound(
                 "azimuth", nominal=a, low=low, high=high, scale=TILT_TOLERANCE
             )
-            term = self.make_term((tilt, azimuth), ((0.05, a),))
-            found.append(replace(term, finding_fields={"side": 1 - 2 * side}))
+            place, starts = SlopePlace(side=1 - 2 * side), ((0.05, a),)
+            found.append(self.make_term("world", place, (tilt, azimuth), starts))
         return found
 
-    def is_consistent(self, values):
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return SlopePlace(side=finding.get("side"))
+
+    def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(values[0] < 0.99 * MAX_TILT)  # else it stands for another effect
 
-    def edit_model(self, model, place, values):
+    def edit_model(self, model: "MjModel", place: Place, values: Floats) -> None:
         tilt, azimuth = values
         up = -model.opt.gravity / np.linalg.norm(model.opt.gravity)
         down = np.array([*compute_direction(azimuth), 0.0])
@@ -70,7 +91,7 @@ class Slope(WorldEffect):
         model.opt.gravity[:] = tilt_gravity(model.opt.gravity, tilt, down)
 
 
-def _find_plane_azimuths(model) -> tuple[float, ...] | None:
+def _find_plane_azimuths(model: "MjModel") -> tuple[float, ...] | None:
     """Azimuths [rad] of the slopes that change a robot's torques of weight.
 
     Returns:
@@ -101,7 +122,18 @@ def _find_plane_azimuths(model) -> tuple[float, ...] | None:
     return () if flat[0] else (along, along + np.pi)
 
 
-class FluidDrag(WorldEffect):
+@dataclass(frozen=True, kw_only=True)
+class FluidPlace(Place):
+    """A medium.
+
+    Attributes:
+        field: of mjOption, that says it.
+    """
+
+    field: str
+
+
+class FluidDrag(WorldEffect, ModelEdit[FluidPlace]):
     name = "fluid_drag"
     description = "Air or water resists the parts that move through it."
     equation = "MuJoCo's inertia-box fluid model, of density or viscosity"
@@ -113,9 +145,9 @@ class FluidDrag(WorldEffect):
         ParameterSpec("viscosity", "Pa s", nonnegative=True, is_in_model=True),
     )
     parameter_sets = (("density",), ("viscosity",))
-    rarity = 1
+    log_odds = SELDOM
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """Two terms, one of the density and one of the viscosity."""
         now = robot.model.opt
         return [
@@ -123,22 +155,23 @@ class FluidDrag(WorldEffect):
             self._make_term("viscosity", now.viscosity, 100.0, (0.01, 0.3, 3.0)),
         ]
 
-    def _make_term(self, name: str, now: float, high: float, starts) -> Term:
-        parameter = self.make_parameter(
+    def _make_term(
+        self, name: str, now: float, high: float, starts: Sequence[float]
+    ) -> Term:
+        parameter = self.bound(
             name, nominal=float(now), low=0.0, high=high, scale=starts[1]
         )
-        return self.make_term(
-            (parameter,), tuple((s,) for s in starts), {"field": name}
-        )
+        place, each = FluidPlace(field=name), tuple((s,) for s in starts)
+        return self.make_term("world", place, (parameter,), each)
 
-    def find_place(self, model, finding) -> Place:
-        return {"field": finding["parameters"][0]["name"]}
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return FluidPlace(field=finding["parameters"][0]["name"])
 
-    def edit_model(self, model, place, values):
-        setattr(model.opt, place["field"], values[0])
+    def edit_model(self, model: "MjModel", place: FluidPlace, values: Floats) -> None:
+        setattr(model.opt, place.field, values[0])
 
 
-class Wind(WorldEffect):
+class Wind(WorldEffect, ModelEdit[Place]):
     name = "wind"
     description = "The air moves."
     equation = "drag of the velocity relative to (vx, vy, vz)"
@@ -146,28 +179,25 @@ class Wind(WorldEffect):
     separate_by = "turn the robot by 180 degrees"
     phrase = "a wind {lacks} blows ({all})"
     parameters = tuple(ParameterSpec("v" + x, "m/s") for x in "xyz")
-    rarity = 1
+    log_odds = SELDOM
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term where the model has a medium that could blow."""
         if not (robot.model.opt.density or robot.model.opt.viscosity):
             return []
         speed, wind = _terminal_speed(robot), robot.model.opt.wind
         most = max(50.0, speed)
         axes = tuple(
-            self.make_parameter(
-                "v" + x,
-                nominal=float(wind[i]),
-                low=-most,
-                high=most,
-                scale=0.1 * speed,
+            self.bound(
+                "v" + x, nominal=float(wind[i]), low=-most, high=most, scale=0.1 * speed
             )
             for i, x in enumerate("xyz")
         )
         starts = np.kron([[0.05], [0.5]], speed * np.eye(3)[:2])
-        return [self.make_term(axes, tuple(map(tuple, starts.tolist())))]
+        values = tuple(map(tuple, starts.tolist()))
+        return [self.make_term("world", Place(), axes, values)]
 
-    def edit_model(self, model, place, values):
+    def edit_model(self, model: "MjModel", place: Place, values: Floats) -> None:
         model.opt.wind[:] = values
 
 
@@ -199,14 +229,14 @@ class GroundEffect(WorldEffect):
 
     target_kinds = ("world", "geom")
 
-    def propose_place(self, robot: RobotSummary) -> Place | None:
+    def propose_place(self, robot: RobotSummary) -> GeomsPlace | None:
         """The geoms of the ground; None where nothing touched anything."""
         return find_ground_geoms(robot.model) if robot.has_contact else None
 
-    def find_place(self, model, finding) -> Place:
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         place = super().find_place(model, finding)
-        if "geom" in place:
-            return {"geoms": (place["geom"],)}
+        if isinstance(place, GeomsPlace):
+            return place
         ground = find_ground_geoms(model)
         if ground is None:
             raise InputError(
@@ -216,24 +246,26 @@ class GroundEffect(WorldEffect):
         return ground
 
 
-def find_ground_geoms(model) -> Place | None:
+def find_ground_geoms(model: "MjModel") -> GeomsPlace | None:
     """The world's geoms that something which moves can touch; None without any."""
     fixed = np.flatnonzero(model.body_weldid[model.geom_bodyid] == 0)
     touch = model.geom_contype[fixed] | model.geom_conaffinity[fixed]
-    place: Place = {"geoms": tuple(int(g) for g in fixed[touch > 0])}
+    place = GeomsPlace(geoms=tuple(int(g) for g in fixed[touch > 0]))
     return place if _find_contact_sides(model, place)[1].size else None
 
 
-def _find_contact_sides(model, place) -> tuple[np.ndarray, np.ndarray]:
+def _find_contact_sides(
+    model: "MjModel", place: GeomsPlace
+) -> tuple[np.ndarray, np.ndarray]:
     """The ground's geoms, and those of bodies that move which it can touch."""
-    a = np.array(place["geoms"], int)
+    a = np.array(place.geoms, int)
     b = np.flatnonzero(model.body_weldid[model.geom_bodyid] != 0)
     meets = model.geom_contype[a][:, None] & model.geom_conaffinity[b]
     meets |= model.geom_conaffinity[a][:, None] & model.geom_contype[b]
     return a, b[meets.any(axis=0)]
 
 
-def _find_deciding_sides(model, place) -> tuple[np.ndarray, ...]:
+def _find_deciding_sides(model: "MjModel", place: GeomsPlace) -> tuple[np.ndarray, ...]:
     """Geoms whose parameters a contact has: both sides, or that of higher priority."""
     ground, moving = sides = _find_contact_sides(model, place)
     ours, theirs = (model.geom_priority[g] for g in sides)
@@ -242,7 +274,7 @@ def _find_deciding_sides(model, place) -> tuple[np.ndarray, ...]:
     return (moving,) if theirs.min() > ours.max() else sides
 
 
-class GroundFriction(GroundEffect):
+class GroundFriction(GroundEffect, ModelEdit[GeomsPlace]):
     name = "ground_friction"
     description = "The ground is more slippery, or rougher, than stated."
     equation = "|f_tangential| <= friction f_normal, where the contact is roughest"
@@ -251,20 +283,20 @@ class GroundFriction(GroundEffect):
     phrase = "contact has a friction of {friction}, {other}"
     parameters = (ParameterSpec("friction", "1", nonnegative=True, is_in_model=True),)
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term where the robot touched the ground."""
         place = self.propose_place(robot)
         if place is None:
             return []
         sides = _find_deciding_sides(robot.model, place)
         now = _largest_friction(robot.model, sides)
-        parameter = self.make_parameter(
+        parameter = self.bound(
             "friction", nominal=now, low=0.0, high=max(5.0, 2 * now), scale=0.2
         )
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
-        return [self.make_term((parameter,), starts, place)]
+        return [self.make_term("world", place, (parameter,), starts)]
 
-    def edit_model(self, model, place, values):
+    def edit_model(self, model: "MjModel", place: GeomsPlace, values: Floats) -> None:
         sides = _find_deciding_sides(model, place)
         now = _largest_friction(model, sides)
         for geoms in sides:
@@ -274,12 +306,12 @@ class GroundFriction(GroundEffect):
                 model.geom_friction[geoms, 0] = values[0]
 
 
-def _largest_friction(model, sides) -> float:
+def _largest_friction(model: "MjModel", sides: Sequence[np.ndarray]) -> float:
     """The sliding friction [1] of the roughest geom."""
     return float(max(model.geom_friction[g, 0].max() for g in sides))
 
 
-class GroundCompliance(GroundEffect):
+class GroundCompliance(GroundEffect, ModelEdit[GeomsPlace]):
     name = "ground_compliance"
     description = "The ground gives way, or bounces, otherwise than stated."
     equation = "contact as a spring and damper of timeconst and dampratio, on average"
@@ -291,7 +323,7 @@ class GroundCompliance(GroundEffect):
         ParameterSpec("dampratio", "1", nonnegative=True, is_in_model=True),
     )
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term where the robot touched the ground.
 
         Not where solref is negative, that is, stiffness and damping: that form has no
@@ -305,16 +337,15 @@ class GroundCompliance(GroundEffect):
             return []
         time, ratio = map(float, _mean_solref(robot.model, sides))
         least = 2 * robot.timestep  # MuJoCo computes no shorter one
-        make = self.make_parameter
         parameters = (
-            make(
+            self.bound(
                 "timeconst",
                 nominal=time,
                 low=least,
                 high=max(0.3, 2 * time),
                 scale=0.005,
             ),
-            make(
+            self.bound(
                 "dampratio",
                 nominal=ratio,
                 low=0.02,
@@ -324,15 +355,15 @@ class GroundCompliance(GroundEffect):
         )
         shares = ((1.0, 0.3), (0.5, 0.1), (2.5, 0.5), (3.0, 1.0))
         starts = tuple((max(a * time, least), b * ratio) for a, b in shares)
-        return [self.make_term(parameters, starts, place)]
+        return [self.make_term("world", place, parameters, starts)]
 
-    def edit_model(self, model, place, values):
+    def edit_model(self, model: "MjModel", place: GeomsPlace, values: Floats) -> None:
         sides = _find_deciding_sides(model, place)
         ratio = values / _mean_solref(model, sides)
         for geoms in sides:
             model.geom_solref[geoms] *= ratio
 
 
-def _mean_solref(model, sides) -> Floats:
+def _mean_solref(model: "MjModel", sides: Sequence[np.ndarray]) -> Floats:
     """Time constant [s] and damping ratio [1] (2) of a contact, mean over geoms."""
     return np.mean([model.geom_solref[g].mean(axis=0) for g in sides], axis=0)

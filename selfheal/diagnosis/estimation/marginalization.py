@@ -89,13 +89,7 @@ def _measure_state_response(
     some = np.linspace(0, count - 1, min(count, FIT.state_response_segments))
     problem = problem.select(some.astype(int))
     offsets = build_initial_state_offsets(problem.simulator, problem.segments)
-    predicted = problem.simulator.simulate(
-        terms,
-        np.tile(values, (len(offsets), 1)),
-        problem.segments,
-        initial_state_offset=offsets,
-        centered=problem.centered,
-    )
+    predicted = problem.predict(terms, np.tile(values, (len(offsets), 1)), offsets)
     spread = repeat_by_column(problem.simulator.channels, "spread")
     squared = ((predicted[1:] - predicted[0]) / spread) ** 2
     return float(np.sqrt(np.nanmean(squared.sum(axis=0))))

@@ -18,7 +18,6 @@ from ...printable import join_names
 from ...recording.data import Floats
 from ..data.robot_summary import repeat_by_column
 from ..data.segments import Segments
-from ..data.state_estimate import estimate_initial_state
 from ..effects.base import Term
 from ..effects.terms import remove_rounding
 from ..simulation.dataset import (
@@ -54,7 +53,7 @@ class Problem:
             that shift, which is subtracted: the shift is an error like any other.
         state_slopes: of each segment, slopes (R_w, 2 nv) of the predictions in its
             initial state [unit of the column per rad or m, and per s]; kept in contact.
-        centered: whether motion is a leapfrog's (`Simulator.simulate`).
+        centered: whether steps are a leapfrog's (`Simulator.leapfrog`).
     """
 
     simulator: Simulator
@@ -77,6 +76,21 @@ class Problem:
     def regime(self) -> Regime:
         """What the data allow a fit to ask."""
         return find_regime(self.simulator.has_contact, self.segments.is_single_readings)
+
+    def predict(
+        self, terms: Sequence[Term], values: Floats, initial_state_offset: Floats | None
+    ) -> Floats:
+        """Predict the readings (n, M, C) [each channel's unit] of hypotheses.
+
+        Args:
+            terms: effects beside the given model, P parameters in all.
+            values: (n, P) a row a hypothesis [units of the parameters].
+            initial_state_offset: (n, W, 2 nv) as `Simulator.simulate` has it.
+        """
+        simulator = self.simulator.leapfrog if self.centered else self.simulator
+        return simulator.simulate(
+            terms, values, self.segments, initial_state_offset=initial_state_offset
+        )
 
     def compute_residuals(
         self,
@@ -106,13 +120,7 @@ class Problem:
                 else initial_state_offset
             )
             initial_state_offset = self.initial_state_shift + offset
-        predicted = self.simulator.simulate(
-            terms,
-            values,
-            self.segments,
-            initial_state_offset=initial_state_offset,
-            centered=self.centered,
-        )
+        predicted = self.predict(terms, values, initial_state_offset)
         self._subtract_readings(predicted)
         predicted /= self.sigma
         has_diverged, limit = ~np.isfinite(predicted), FIT.max_residual
@@ -283,9 +291,9 @@ def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
     std = np.empty((len(segments), 2 * simulator.compiler.nominal.nv))
     for episode in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == episode)
-        std[rows] = estimate_initial_state(
-            simulator, int(episode), segments.first_step[rows], {}
-        )[2]
+        std[rows] = simulator.complete_state(
+            int(episode), segments.first_step[rows]
+        ).std
     return std
 
 

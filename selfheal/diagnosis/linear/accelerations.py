@@ -8,7 +8,15 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Effect, StepState, Term, implements
+from ..effects.base import Effect, Term
+from ..effects.protocols import (
+    CommandFilter,
+    JointAddition,
+    JointForce,
+    ModelEdit,
+    SensorMap,
+    StepState,
+)
 from ..simulation.batch import (
     BatchState,
     Hypotheses,
@@ -16,6 +24,7 @@ from ..simulation.batch import (
     compute_servo_impedance,
     find_diverged,
     make_batch,
+    set_commands,
 )
 from ..simulation.commands import compute_commands
 from ..simulation.initial_states import InitialStates
@@ -49,7 +58,7 @@ def compute_accelerations(
     moments: Segments,
     state_offset: Floats,
     *,
-    in_steps: bool = False,
+    in_steps: bool,
 ) -> Dynamics:
     """Accelerations of n hypotheses where W segments begin: forward dynamics.
 
@@ -89,7 +98,7 @@ def compute_accelerations(
     return Dynamics(out, inertia, friction, impedance)
 
 
-def _find_impedance(model) -> Floats:
+def _find_impedance(model: mujoco.MjModel) -> Floats:
     """(nv, 2) stiffness and damping of joints, with those of their servos."""
     out = compute_servo_impedance(model)
     out[:, 1] += np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
@@ -101,13 +110,10 @@ def _find_impedance(model) -> Floats:
 
 def is_force_law(effect: Effect) -> bool:
     """Whether an effect adds forces that follow from states and commands alone."""
-    others = ("edit_model", "edit_spec", "transform_command", "transform_reading")
-    return (
-        implements(effect, "apply_forces")
-        and not any(implements(effect, way) for way in others)
-        and not (effect.reads_torques or effect.reads_actuators)
-        and not effect.writes_forcerange
-    )
+    others = ModelEdit | JointAddition | CommandFilter | SensorMap
+    if isinstance(effect, others) or not isinstance(effect, JointForce):
+        return False
+    return not effect.needs
 
 
 def compute_applied_forces(
@@ -159,12 +165,12 @@ def _begin(
         state_offset: (n, W, 2 nv) as of `compute_accelerations`.
     """
     hypotheses = simulator.build_hypotheses(terms, values, centered=False)
-    initial = InitialStates(simulator, simulator.cache, hypotheses, moments)
+    initial = InitialStates(simulator, hypotheses, moments)
     around = simulator.cache.load_or_compute(
         moments, "steps around", lambda: _shift_back(moments)
     )
     commands = compute_commands(
-        simulator, simulator.cache, hypotheses, around, centered=True, mean=True
+        simulator, hypotheses, around, centered=True, mean=True
     )[:, : int(moments.lengths.max())]
     return hypotheses, initial.compute(state_offset), commands.mean(axis=1)
 
@@ -195,8 +201,7 @@ def _forward(
         in_steps: as `compute_accelerations` has it.
     """
     batch = make_batch(hypotheses, initial)
-    if ctrl.shape[-1]:
-        batch.bind("ctrl")[:] = ctrl
+    bound = set_commands(batch, ctrl)
     # filled from now on
     acceleration, packed = batch.bind("qacc"), batch.bind("M")
     stage = mujoco.mjtStage.mjSTAGE_ACC
@@ -205,9 +210,8 @@ def _forward(
     friction = np.repeat(losses, len(moments), axis=0)
     if actions:
         time = np.tile(moments.first_step * step, len(hypotheses.models))
-        bound = batch.bind("ctrl") if ctrl.shape[-1] else None
         forces = EffectForces(batch, actions, initial.integral_errors, step)
-        if any(action.effect.reads_torques for action in actions):
+        if any("actuator_torque" in action.effect.needs for action in actions):
             batch.forward(stage=stage)  # fills what is bound before
         forces.apply(batch.bind("qpos"), batch.bind("qvel"), bound, time)
         friction = forces.frictionloss
@@ -224,7 +228,7 @@ def _forward(
     return out, inertia[:, dofs[:, None], dofs], friction[:, dofs]
 
 
-def _unpack(model, packed: Floats) -> Floats:
+def _unpack(model: mujoco.MjModel, packed: Floats) -> Floats:
     """Symmetric matrices (B, nv, nv) of MuJoCo's lower triangles in sparse rows."""
     rows = np.repeat(np.arange(model.nv), model.M_rownnz)
     out = np.zeros((len(packed), model.nv, model.nv))

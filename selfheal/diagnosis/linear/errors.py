@@ -127,7 +127,7 @@ class Direction:
     @property
     def _is_sinusoid(self) -> bool:
         """Whether coordinates are those of a sine and a cosine of one frequency."""
-        return self.term.effect.is_periodic and len(self.steps) == 2
+        return self.term.is_wave and len(self.steps) == 2
 
     def compute_values(self, coordinates: Floats) -> Floats:
         """Values (p) of the term at coordinates (k), within its bounds."""
@@ -255,7 +255,7 @@ def _propose(
                 unit * changes[shown], unit * volumes[shown],
             )
         )  # fmt: skip
-    width = 2 if term.effect.is_periodic else 1
+    width = 2 if term.is_wave else 1
     for i in range(count, len(tried) - width + 1, width):
         a = slice(i, i + width)
         columns = changes[a]

@@ -23,6 +23,7 @@ DAMPING = 1e-7  # share of the diagonal: what nothing tells stays where it is
 DESCENT_ITERATIONS = 12
 SHORTEST_STEP = 0.05
 LEAST_GAIN = 0.1  # [nats] of an iteration; below any that counts
+REFINEMENTS = 4  # Jacobians that a refinement makes anew, at most
 INVERSE_RIDGE = 1e-9
 FELT_SHARE = 1e-6  # of the errors; what a parameter changes less is rounding
 
@@ -275,10 +276,10 @@ def descend(fit: LinearFit, iterations: int = DESCENT_ITERATIONS) -> LinearFit:
     return fit
 
 
-def refine(fit: LinearFit, iterations: int = 4) -> LinearFit:
+def refine(fit: LinearFit) -> LinearFit:
     """Gauss-Newton with a new Jacobian before each descent."""
     cost = fit.cost
-    for _ in range(iterations):
+    for _ in range(REFINEMENTS):
         fit = descend(fit.adapted().linearized(), 4)
         after = fit.cost
         if cost - after < 5 * LEAST_GAIN:

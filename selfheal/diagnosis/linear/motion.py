@@ -170,7 +170,7 @@ class MeasuredMotion:
         """States (W) that a simulation of the given model begins at."""
         simulator, moments = self.simulator, self.moments
         hypotheses = simulator.build_hypotheses([], np.zeros((1, 0)), centered=False)
-        states = InitialStates(simulator, simulator.cache, hypotheses, moments)
+        states = InitialStates(simulator, hypotheses, moments)
         found, variant = states.compute(None), hypotheses.variant
         qpos, qvel = found.qpos[:, variant.qpos], found.qvel[:, variant.dof]
         return replace(found, qpos=qpos, qvel=qvel)
@@ -358,7 +358,9 @@ def _undo(
     return (found - bias[:, None]) / change.get("gain", 1.0), variance
 
 
-def _combine(x, x_var, y, y_var):
+def _combine(
+    x: Floats | float, x_var: Floats, y: Floats | float, y_var: Floats
+) -> Floats:
     """Mean (W) of two estimates (W) by their inverse variances (W)."""
     mean = (x / x_var + y / y_var) / (1 / x_var + 1 / y_var)
     return np.where(np.isfinite(mean), mean, np.where(np.isfinite(x), x, y))

@@ -52,9 +52,7 @@ def list_moves(fit: LinearFit, directions: Sequence[Direction]) -> list[Move]:
         groups.setdefault(d.term.effect.name, {}).setdefault(d.term.targets, d)
     moves: list[Move] = [(d,) for d in open_directions]
     moves += [tuple(g.values()) for g in groups.values() if len(g) > 1]
-    usual = [
-        d for g in groups.values() for d in g.values() if d.term.effect.is_usual(d.term)
-    ]
+    usual = [d for g in groups.values() for d in g.values() if d.term.is_usual]
     if len({d.term.effect.name for d in usual}) > 1:
         moves.append(tuple(usual))
     return moves

@@ -24,7 +24,6 @@ from .fit import (
 from .likelihood import estimate_independence
 from .ranking import Move, can_stand_beside, list_moves, name_move, rank
 
-RARITY_NATS = np.log(10.0)  # of a rank of rarity: each is ten times less likely
 TRIED = 5  # moves that are fitted beyond the best one
 NEAR_SHARE = 0.5  # of the best gain, beyond its penalty, by which another is predicted
 MOST_NEAR = 2  # moves beside the best that simulations may prefer
@@ -217,12 +216,9 @@ class Search:
             rows: how many independent errors there are.
             count: of its parameters that change anything; None: all.
         """
-        rank = term.effect.rarity + (0.0 if term.effect.is_usual(term) else 0.5)
         count = len(term.parameters) if count is None else count
         return float(
-            np.log(len(self.candidates))
-            + 0.5 * count * np.log(rows)
-            + RARITY_NATS * rank
+            np.log(len(self.candidates)) + 0.5 * count * np.log(rows) - term.log_odds
         )
 
     def _price(self, fit: LinearFit, i: int, rows: float) -> float:
@@ -257,9 +253,7 @@ class Search:
                 most = share * (np.sqrt(max(2 * gain, 0.0)) + 2) ** 2 / 2
                 if most > self._penalty(move[0].term, size):
                     hopeful.add(move[0].term.key)
-            open_terms = [
-                t for t in open_terms if t.key in hopeful or t.effect.is_usual(t)
-            ]
+            open_terms = [t for t in open_terms if t.key in hopeful or t.is_usual]
         return _differentiate(fit, open_terms)
 
     def _select(self, directions: Sequence[Direction]) -> LinearFit | None:

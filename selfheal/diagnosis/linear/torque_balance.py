@@ -12,7 +12,15 @@ import numpy as np
 from scipy.special import erf
 
 from ...recording.data import Floats
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.places import SignalPlace
+from ..effects.protocols import (
+    CommandFilter,
+    JointAddition,
+    JointForce,
+    ModelEdit,
+    SensorMap,
+)
 from ..simulation.batch import allow_divergence
 from ..simulation.model_variants import split_values
 from ..simulation.simulator import COMMAND_LATENESS, collect_reading_changes
@@ -36,9 +44,10 @@ def can_be_linear(term: Term) -> bool:
     the same data.
     """
     is_late = any(p.name == "delay" for p in term.parameters) and any(
-        place.get("kind") == "joint_position" for place in term.places
+        isinstance(place, SignalPlace) and place.kind == "joint_position"
+        for place in term.places
     )
-    return not implements(term.effect, "edit_spec") and not is_late
+    return not isinstance(term.effect, JointAddition) and not is_late
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,10 +306,8 @@ def _split(
 
 def _only_reads(term: Term) -> bool:
     """Whether a term changes readings and nothing else."""
-    ways = ("edit_model", "edit_spec", "transform_command", "apply_forces")
-    return implements(term.effect, "transform_reading") and not any(
-        implements(term.effect, way) for way in ways
-    )
+    ways = ModelEdit | JointAddition | CommandFilter | JointForce
+    return isinstance(term.effect, SensorMap) and not isinstance(term.effect, ways)
 
 
 def _list_changes(

@@ -144,14 +144,7 @@ def _format_delay(delay: str, low: str, high: str) -> list[str]:
 def _finish(
     actuators: Mapping[str, Any], use: str, code: list[str], left: Iterable[str] = ()
 ) -> str:
-    """A Python file's text: how to use it, the code, what it leaves out.
-
-    Args:
-        actuators: content of actuators.yaml.
-        use: how the file is used.
-        code: its lines.
-        left: what only this file leaves out.
-    """
+    """A Python file's text: how to use it, the code, what it leaves out."""
     model = make_printable(actuators["model"])
     about = [_ABOUT.format(model=model), use]
     head = [line for text in about for line in ("#", *textwrap.wrap(text, _WIDTH - 2))]

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...recording import find_joint, find_output
 from ...recording.actuator_laws import find_goal, find_speed_goal, has_affine_force
+from ..effects.limits import stated_limit
 
 if TYPE_CHECKING:
     import mujoco
@@ -84,13 +85,7 @@ def _find_drives(model: "mujoco.MjModel") -> dict[int, list[int]]:
 def _describe_joint(
     model: "mujoco.MjModel", name: str, drives: Mapping[int, list[int]]
 ) -> dict[str, Any]:
-    """What a model states of a joint; what is zero it does not state.
-
-    Args:
-        model: compiled.
-        name: of the joint.
-        drives: actuators of each joint.
-    """
+    """What a model states of a joint; what is zero it does not state."""
     j = model.joint(name).id
     dof, own = int(model.jnt_dofadr[j]), drives.get(j, [])
     gears = {a: float(model.actuator_gear[find_output(model, a), 0]) for a in own}
@@ -104,7 +99,8 @@ def _describe_joint(
     stated: dict[str, Any] = {k: _round(v) for k, v in values.items() if v}
     if len(own) == 1:
         stated |= _describe_drive(model, own[0], gears[own[0]])
-    if len(own) <= 1 and (effort := _find_effort_limit(model, j, gears)):
+    drive = own[0] if own else None
+    if len(own) <= 1 and (effort := _find_effort_limit(model, j, drive)):
         stated["effort_limit"] = effort
     return stated
 
@@ -112,13 +108,7 @@ def _describe_joint(
 def _describe_drive(
     model: "mujoco.MjModel", actuator: int, gear: float
 ) -> dict[str, Any]:
-    """The control law of an actuator; empty where it has no other name than its own.
-
-    Args:
-        model: compiled.
-        actuator: its id.
-        gear: of its joint.
-    """
+    """The control law of an actuator; empty where it has no other name than its own."""
     gain = float(model.actuator_gainprm[actuator, 0])
     kv = -float(model.actuator_biasprm[actuator, 2])
     law: dict[str, Any]
@@ -147,27 +137,16 @@ def _describe_drive(
 
 
 def _find_effort_limit(
-    model: "mujoco.MjModel", j: int, gears: Mapping[int, float]
+    model: "mujoco.MjModel", j: int, drive: int | None
 ) -> float | None:
-    """The largest effort at a joint; None where nothing limits it.
-
-    Args:
-        model: compiled.
-        j: id of the joint.
-        gears: of the actuator that drives it, if any.
-    """
-    limits = []
-    if model.jnt_actfrclimited[j]:
-        limits.append(np.abs(model.jnt_actfrcrange[j]).max())
-    for actuator, gear in gears.items():
-        if model.actuator_forcelimited[actuator]:
-            limits.append(abs(gear) * np.abs(model.actuator_forcerange[actuator]).max())
-        control = int(model.actuator_ctrladr[actuator])
-        is_motor = not model.actuator_biasprm[actuator].any()
-        if is_motor and model.actuator_ctrllimited[control]:
-            force = abs(gear * model.actuator_gainprm[actuator, 0])
-            limits.append(force * np.abs(model.actuator_ctrlrange[control]).max())
-    return _round(min(limits)) if limits else None
+    """The largest effort at a joint; None where nothing limits it."""
+    if drive is not None:
+        limit = stated_limit(model, drive)
+    elif model.jnt_actfrclimited[j]:
+        limit = float(np.abs(model.jnt_actfrcrange[j]).max())
+    else:
+        return None
+    return _round(limit) if np.isfinite(limit) else None
 
 
 def _add_stribeck(

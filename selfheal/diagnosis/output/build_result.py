@@ -210,13 +210,7 @@ def build_patch(
 def _fit_signals(
     dataset: Dataset, squares: Mapping[str, Floats], count: Floats
 ) -> tuple[SignalFit, ...]:
-    """Held-out errors of each signal, with intervals over episodes.
-
-    Args:
-        dataset: with the held-out episodes.
-        squares: sums of squared errors of each model.
-        count: readings that they sum over.
-    """
+    """Held-out errors of each signal, with intervals over episodes."""
     simulator, noise = dataset.held_out, score.compute_noise_floor(dataset.held_out)
     return tuple(
         SignalFit(

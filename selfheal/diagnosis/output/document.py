@@ -8,7 +8,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.nominal import MOMENTS, SIDES
+from ..effects.nominal import MOMENTS, SIDES, NominalParameter
 from ..estimation.covariance import confidence_interval
 from ..estimation.fit import Fit
 from ..estimation.information import Information
@@ -127,9 +127,9 @@ def build_refit(
     for term, factor, fitted, error in zip(
         patched.terms, *(split_values(patched.terms, x) for x in each), strict=True
     ):
-        if term.effect.name != "stated":
+        if not isinstance(term.effect, NominalParameter):
             continue
-        given, (p,) = term.finding_fields["value"], term.parameters
+        given, (p,) = term.effect.value, term.parameters
         low, high = sorted(
             given * np.clip(x + k * half * e, p.low, p.high)
             for x, e in zip(fitted, error, strict=True)
@@ -137,7 +137,7 @@ def build_refit(
         )
         out.append({"parameter": term.targets[0], "given": given,
                     "value": given * factor[0], "low": low, "high": high,
-                    "unit": term.finding_fields["unit"]})  # fmt: skip
+                    "unit": term.effect.unit})  # fmt: skip
     return out
 
 

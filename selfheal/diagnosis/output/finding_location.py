@@ -8,6 +8,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
+from ..effects.measurement import Quantization
 from ..estimation.problem import Problem
 from ..selection.hypotheses import Hypothesis
 from ..simulation.dataset import Dataset
@@ -38,8 +39,9 @@ def localize_findings(
     after = _square_residuals(problem, final.terms, final.values)
     masks = localization.classify_samples(simulator, dataset.robot, segments)
     for n, named in enumerate(hypothesis.named):
-        if named.term.effect.rounds_readings:
-            own = {"name": named.term.places[0]["signal"], "share_of_error": 1.0,
+        if isinstance(named.term.effect, Quantization):
+            signal = named.term.targets[0].partition(":")[2]
+            own = {"name": signal, "share_of_error": 1.0,
                    "p_value": named.evidence.p_value}  # fmt: skip
             where[n] = {"signals": [own], "regime": "always", "windows": []}
             continue

@@ -91,21 +91,14 @@ def _find_joints(robot: RobotSummary, c: Channel) -> list[int]:
 
 
 def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _Motion:
-    """The motion of an episode, from its readings and the nominal model.
-
-    Args:
-        simulator: with the episode.
-        robot: whose joints are looked at.
-        index: of the episode.
-    """
+    """The motion of an episode, from its readings and the nominal model."""
     import mujoco
-
-    from ..data.state_estimate import estimate_initial_state
 
     model, episode = simulator.compiler.nominal, simulator.episodes[index]
     every = max(1, len(episode.ctrl) // MAX_MOTION_STEPS)
     at = np.arange(0, len(episode.ctrl), every)
-    qpos, qvel, _ = estimate_initial_state(simulator, index, at, {})
+    state = simulator.complete_state(index, at)
+    qpos, qvel = state.qpos, state.qvel
     data = mujoco.MjData(model)
     load, contact = np.zeros((len(at), model.nv)), np.zeros(len(at), bool)
     for k, (q, v) in enumerate(zip(qpos, qvel, strict=True)):

@@ -5,16 +5,21 @@ of its text, and effects that numbers cannot say bring edits of their own.
 """
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...mjcf.edit import Edit, Set, format_number
 from ...recording.data import Floats
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.protocols import TextForm
 from ..simulation.model_variants import ModelVariant, split_values
 from .model_source import ModelSource, differs, name_or_id
 from .patch_actuators import edit_actuators
 from .patch_bodies import edit_bodies, edit_geoms, edit_sites
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 FREE_JOINT, SLIDE_JOINT = 0, 2  # mjtJoint
 OPTIONS = ("gravity", "density", "viscosity", "wind")  # of mjOption, that effects set
@@ -34,11 +39,9 @@ def build_edits(
     old, new = variant.model, variant.build_model(terms, values)
     edits: list[Edit] = []
     for term, part in zip(terms, split_values(terms, values), strict=True):
-        if implements(term.effect, "edit_text"):
+        if isinstance(term.effect, TextForm):
             for place in term.places:
-                edits += (
-                    term.effect.edit_text(old, variant.map_place(place), part) or []
-                )
+                edits += term.effect.edit_text(old, place.renumber(variant), part)
     return [
         *edits,
         *_edit_joints(source, old, new),
@@ -50,7 +53,7 @@ def build_edits(
     ]
 
 
-def _edit_joints(source: ModelSource, old, new) -> Iterator[Edit]:
+def _edit_joints(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the joints that differ between two models.
 
     Of a joint that an effect adds only its range may differ; the effect's own edit
@@ -73,15 +76,10 @@ def _edit_joints(source: ModelSource, old, new) -> Iterator[Edit]:
             yield Set("joint", name_or_id(old.joint, j), attributes)
 
 
-def _joint_attributes(source: ModelSource, old, new, j: int) -> dict[str, str | None]:
-    """Attributes of a joint whose values differ between two models.
-
-    Args:
-        source: what the text states.
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-        j: id of the joint.
-    """
+def _joint_attributes(
+    source: ModelSource, old: "MjModel", new: "MjModel", j: int
+) -> dict[str, str | None]:
+    """Attributes of a joint whose values differ between two models."""
     v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
     attributes: dict[str, str | None] = {}
     damping = [np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)]
@@ -109,12 +107,12 @@ def _joint_attributes(source: ModelSource, old, new, j: int) -> dict[str, str | 
     return attributes
 
 
-def _to_text_angle(value, in_degrees: bool):
+def _to_text_angle(value: Floats, in_degrees: bool) -> Floats:
     """An angle or length [rad or m] as the text has it [deg, rad or m]."""
     return np.rad2deg(value) if in_degrees else value
 
 
-def _edit_option(old, new) -> Iterator[Edit]:
+def _edit_option(old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """The edit of <option>, if any of the fields that effects set differs."""
     attributes: dict[str, str | None] = {
         field: format_number(getattr(new.opt, field))

@@ -1,12 +1,16 @@
 """Changed actuators as edits of text: takes two models, gives MJCF attributes."""
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...mjcf.edit import Edit, Rename, Set, format_number
 from ...recording import find_controls, find_output
 from .model_source import ModelSource, differs, name_or_id
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # attributes of the kinds of actuators that a <general> one does not have
 SHORT = dict.fromkeys(
@@ -21,7 +25,7 @@ AFFINE = 1  # mjtGain, mjtBias
 
 
 def edit_actuators(
-    source: ModelSource, old, new, before: Sequence[Edit]
+    source: ModelSource, old: "MjModel", new: "MjModel", before: Sequence[Edit]
 ) -> Iterator[Edit]:
     """Edits of the actuators that differ between two models.
 
@@ -60,16 +64,12 @@ def edit_actuators(
             yield Set("actuator", name, attributes)
 
 
-def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
+def _edit_force_law(
+    tag: str, old: "MjModel", new: "MjModel", a: int
+) -> dict[str, str | None]:
     """Attributes of gain and bias where they differ, in the form that the tag has.
 
     A tag that has no such form gets those of <general>.
-
-    Args:
-        tag: of the actuator.
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-        a: id of the actuator.
     """
     gain, bias = new.actuator_gainprm[a, :3], new.actuator_biasprm[a, :3]
     before = [old.actuator_gainprm[a, :3], old.actuator_biasprm[a, :3]]
@@ -105,7 +105,9 @@ def _edit_force_law(tag: str, old, new, a: int) -> dict[str, str | None]:
     return attributes
 
 
-def _keep_inherited_range(source: ModelSource, old, new, a: int, general: bool) -> dict:
+def _keep_inherited_range(
+    source: ModelSource, old: "MjModel", new: "MjModel", a: int, general: bool
+) -> dict:
     """Attributes that keep the range that an actuator took from its joint.
 
     Args:

@@ -1,7 +1,7 @@
 """Changed bodies, geoms and sites as edits of text: takes two models, gives edits."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -9,6 +9,9 @@ from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
 from ..effects.inertia import spatial_inertia
 from .model_source import ModelSource, differs, name_or_id
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # MJCF's other ways to state an orientation, which `quat` takes the place of
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
@@ -20,7 +23,7 @@ HALF_LENGTHS = {3: 1, 5: 1}
 ROUNDING = 1e-12  # share of a vector's largest number below which one is rounding
 
 
-def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_bodies(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the bodies whose place, mass, inertia or carried weight differs.
 
     Args:
@@ -50,15 +53,10 @@ def edit_bodies(source: ModelSource, old, new) -> Iterator[Edit]:
             yield _edit_inertial(source, name_or_id(old.body, b), new, b)
 
 
-def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit:
-    """The edit that gives a body's text the mass and inertia of the new model.
-
-    Args:
-        source: what the text states.
-        name: of the body in the text.
-        new: compiled, as the text is to be.
-        body: its id.
-    """
+def _edit_inertial(
+    source: ModelSource, name: str | int, new: "MjModel", body: int
+) -> Edit:
+    """The edit that gives a body's text the mass and inertia of the new model."""
     place, turn = (_drop_rounding(v[body]) for v in (new.body_ipos, new.body_iquat))
     if not source.states_inertia(body):
         attributes = {"pos": place, "quat": turn, "mass": new.body_mass[body],
@@ -75,16 +73,9 @@ def _edit_inertial(source: ModelSource, name: str | int, new, body: int) -> Edit
 
 
 def _edit_moments(
-    source: ModelSource, element: Any, new, body: int
+    source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> dict[str, str | None]:
-    """Attributes of a stated inertia's moments, in the form that the text has.
-
-    Args:
-        source: what the text states.
-        element: of the body in the spec.
-        new: compiled, as the text is to be.
-        body: its id.
-    """
+    """Attributes of a stated inertia's moments, in the form that the text has."""
     if np.isfinite(element.fullinertia[0]):
         tensor = spatial_inertia(new, body)
         full = tensor[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -103,15 +94,9 @@ def _edit_moments(
 
 
 def _stated_axes_inertia(
-    source: ModelSource, element: Any, new, body: int
+    source: ModelSource, element: Any, new: "MjModel", body: int
 ) -> Floats | None:
     """Principal moments (3) [kg m^2] about the axes that the text states.
-
-    Args:
-        source: what the text states.
-        element: of the body in the spec.
-        new: compiled, as the text is to be.
-        body: its id.
 
     Returns:
         None where the principal axes are others now.
@@ -200,7 +185,7 @@ def _edit_span(
     return attributes
 
 
-def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_geoms(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the geoms that differ between two models.
 
     Args:
@@ -235,13 +220,13 @@ def edit_geoms(source: ModelSource, old, new) -> Iterator[Edit]:
             yield Set("geom", name_or_id(old.geom, g), attributes)
 
 
-def _format_size(model, geom: int) -> str:
+def _format_size(model: "MjModel", geom: int) -> str:
     """The `size` of a geom, with as many numbers as its type has."""
     count = SIZES.get(int(model.geom_type[geom]), 3)
     return format_number(model.geom_size[geom, :count])
 
 
-def edit_sites(source: ModelSource, old, new) -> Iterator[Edit]:
+def edit_sites(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """Edits of the sites that have moved between two models.
 
     Args:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,8 +28,7 @@ from ..effects import find_effect
 from ..effects.base import Term
 from ..effects.declaration import Parameter
 from ..effects.nominal import build_nominal_terms
-from ..effects.places import Place, name_added_joint
-from ..effects.second_joint import LINK
+from ..effects.places import AddedJointPlace
 from ..selection.search_record import Progress
 from ..simulation.build import (
     StateReconstruction,
@@ -40,6 +39,9 @@ from ..simulation.checks import find_divergence
 from ..simulation.model_variants import ModelCompiler
 from ..simulation.simulator import Simulator
 from .storage import read_document
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 
 def replay_recording(
@@ -101,25 +103,17 @@ def _build_terms(
             values.append(np.array([factor]))
     for finding in document["findings"]:
         term = restore_term(finding, compiler, patched)
-        if patched and _is_in_patch(finding):
+        (place,) = term.places
+        if patched and finding.get("native") and term.effect.is_whole_in_text(place):
             continue
         terms.append(term)
         values.append(_read_values(finding))
     return terms, np.concatenate([*values, np.zeros(0)])
 
 
-def _is_in_patch(finding: Mapping[str, Any]) -> bool:
-    """Whether a patched model alone predicts what the diagnosis did of a finding.
-
-    Not where a signal is read behind the added joint, nor where MuJoCo acts by whole
-    time steps.
-    """
-    reads_link = finding.get("measured") == LINK
-    is_stepwise = find_effect(finding["effect"]).native_is_stepwise
-    return bool(finding.get("native") and not (reads_link or is_stepwise))
-
-
-def _restore_refit(document, compiler: ModelCompiler) -> Iterator[tuple[Term, float]]:
+def _restore_refit(
+    document: Mapping[str, Any], compiler: ModelCompiler
+) -> Iterator[tuple[Term, float]]:
     """Terms of the re-fitted values that this model states too, and their factors."""
     nominal_terms = {
         t.targets[0]: t for t in build_nominal_terms(summarize_unrecorded(compiler))
@@ -152,9 +146,9 @@ def restore_term(
     effect = find_effect(finding["effect"])
     place = effect.find_place(compiler.nominal, finding)
     if patched:
-        place["there"] = True
-        if "suffix" in place:
-            _check_added_joint(compiler, place)
+        place = replace(place, is_patched=True)
+        if isinstance(place, AddedJointPlace):
+            _check_added_joint(compiler, place.added_name)
     parameters = tuple(
         Parameter(str(i), "", 0.0, -np.inf, np.inf, 1.0)
         for i in range(len(_read_values(finding)))
@@ -162,10 +156,9 @@ def restore_term(
     return Term(effect, (finding["target"],), (place,), parameters, ())
 
 
-def _check_added_joint(compiler: ModelCompiler, place: Place) -> None:
+def _check_added_joint(compiler: ModelCompiler, name: str) -> None:
     """Refuse a patched model without the joint that a finding says is in it."""
     model = compiler.nominal
-    name = name_added_joint(model, place)
     if name not in [model.joint(j).name for j in range(model.njnt)]:
         raise InputError(
             f"{compiler.path} has no joint {name!r}, which the diagnosis says is in "
@@ -234,13 +227,13 @@ def _replay_episode(
     return replace(episode, signals=filled)
 
 
-def _find_added_joints(document: Mapping[str, Any], model) -> list[int]:
+def _find_added_joints(document: Mapping[str, Any], model: "MjModel") -> list[int]:
     """Ids of the joints that a patch added to a model, hinges and slides."""
     places = [
         find_effect(finding["effect"]).find_place(model, finding)
         for finding in document["findings"]
     ]
-    names = {name_added_joint(model, place) for place in places if "suffix" in place}
+    names = {p.added_name for p in places if isinstance(p, AddedJointPlace)}
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
@@ -250,14 +243,8 @@ def _list_names(compiler: ModelCompiler, added: int) -> ModelNames:
     return replace(names, nq=names.nq - added, nv=names.nv - added)
 
 
-def _extend_state(episode: Episode, model, added: Sequence[int]) -> Episode:
-    """The episode with its given state, if any, in which added joints start at 0.
-
-    Args:
-        episode: in the joints of the model that was diagnosed.
-        model: compiled, with the joints that a patch added.
-        added: their ids.
-    """
+def _extend_state(episode: Episode, model: "MjModel", added: Sequence[int]) -> Episode:
+    """The episode with its given state, if any, in which added joints start at 0."""
 
     def extend(given: Floats | None, size: int, places: np.ndarray) -> Floats | None:
         """A state of `size` numbers, of which those of added joints are not given."""

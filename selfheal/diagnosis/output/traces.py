@@ -1,7 +1,10 @@
 """The worst stretches: takes replays of held-out episodes, gives curves and poses."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..selection.replay_scores import HeldOutScores
@@ -39,13 +42,11 @@ def make_traces(
             weight = 2 if c.is_scored else 1
             worst.append((by_segment[w] * weight, c, k, w, square))
     worst.sort(key=lambda x: -x[0])
-    once = segments.is_single_readings
-    make = _make_reading_trace if once else _make_trace
     traces = tuple(
-        make(simulator, segments, predicted, c, k, w)
+        _make_trace(simulator, segments, predicted, c, k, w)
         for _, c, k, w, _ in worst[:MAX_TRACES]
     )
-    if once:
+    if segments.is_single_readings:
         return traces, None
     *_, w, square = worst[0]
     return traces, make_pose_trace(
@@ -58,42 +59,31 @@ def _column_name(c: Channel, k: int) -> str:
     return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
 
 
-def _make_reading_trace(
-    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
-) -> Trace:
-    """A column of all poses, over their number.
-
-    Args:
-        simulator: with the poses.
-        segments: with M poses.
-        predicted: (3, M, C) by the model as given, re-fitted, and patched.
-        c: the signal.
-        k: the column, among those of all signals.
-        w: any pose; all are drawn.
-    """
-    pose = np.arange(1, len(segments.segment_of_sample) + 1, dtype=float)
-    return Trace("", _column_name(c, k), c.unit, pose, segments.readings[:, k],
-                 *(e[:, k] for e in predicted))  # fmt: skip
-
-
 def _make_trace(
-    simulator: Simulator, segments: Segments, predicted, c: Channel, k: int, w: int
+    simulator: Simulator,
+    segments: Segments,
+    predicted: Sequence[Floats],
+    c: Channel,
+    k: int,
+    w: int,
 ) -> Trace:
-    """A column of one segment, over time.
+    """A column of one segment over time, or of all poses over their number.
 
     Args:
         simulator: with the segment's episode.
         segments: with M samples.
-        predicted: (3, M, C) by the model as given, re-fitted, and patched.
+        predicted: (M, C) by the model as given, re-fitted, and patched.
         c: the signal.
         k: the column, among those of all signals.
         w: the segment.
-    """
-    rows = np.flatnonzero(segments.segment_of_sample == w)
-    episode = simulator.episodes[int(segments.episode[w])]
-    at = (
-        episode.start
-        + (segments.first_step[w] + segments.sample_steps[rows]) * simulator.timestep
-    )
-    return Trace(episode.id, _column_name(c, k), c.unit, at, segments.readings[rows, k],
-                 *(e[rows, k] for e in predicted))  # fmt: skip
+    """  # fmt: skip
+    if segments.is_single_readings:
+        name, rows = "", np.arange(len(segments.segment_of_sample))
+        at = np.arange(1, len(rows) + 1, dtype=float)
+    else:
+        rows = np.flatnonzero(segments.segment_of_sample == w)
+        episode = simulator.episodes[int(segments.episode[w])]
+        steps = segments.first_step[w] + segments.sample_steps[rows]
+        name, at = episode.id, episode.start + steps * simulator.timestep
+    return Trace(name, _column_name(c, k), c.unit, at, segments.readings[rows, k],
+                 *(each[rows, k] for each in predicted))  # fmt: skip

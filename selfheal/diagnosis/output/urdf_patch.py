@@ -15,7 +15,7 @@ from ...mjcf.xml_text import Element, encode_text, format_path
 from ...mujoco_files import read_spec_file
 from ...preparation.prepare import SOURCE
 from ...recording.data import Floats
-from ..effects.inertia import spatial_inertia
+from ..effects.inertia import point_inertia, rotation_matrix, spatial_inertia
 from .actuators import describe_joints
 from .model_source import differs
 
@@ -147,13 +147,7 @@ class UrdfPatch:
         self._move_child(element, int(old.jnt_bodyid[a.id]), int(new.jnt_bodyid[b.id]))
 
     def _move_child(self, element: Element, old_body: int, new_body: int) -> None:
-        """Edit where a joint's child is attached, if its parent link is a body.
-
-        Args:
-            element: of the joint.
-            old_body: id of the child in the given model.
-            new_body: its id in the patched one.
-        """
+        """Edit where a joint's child is attached, if its parent link is a body."""
         old, new = self._given, self._patched
         parents = [e.get("link") for e in element.elements() if e.tag == "parent"]
         above = old.body(int(old.body_parentid[old_body])).name
@@ -183,7 +177,7 @@ class UrdfPatch:
         changed = own + new - old
         mass, first, second = changed[0], changed[1:4], changed[4:].reshape(3, 3)
         com = first / mass
-        inertia = turn.T @ (second - mass * _square_distance(com)) @ turn
+        inertia = turn.T @ (second - point_inertia(mass, com)) @ turn
         inertia = np.where(np.abs(inertia) > 1e-9 * np.abs(inertia).max(), inertia, 0.0)
         pairs = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         numbers = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
@@ -224,15 +218,9 @@ def _rotate(rpy: Floats) -> Floats:
     """The matrix (3, 3) of roll, pitch and yaw (3) [rad] about fixed axes."""
     import mujoco
 
-    quat, flat = np.empty(4), np.empty(9)
+    quat = np.empty(4)
     mujoco.mju_euler2Quat(quat, rpy, "XYZ")
-    mujoco.mju_quat2Mat(flat, quat)
-    return flat.reshape(3, 3)
-
-
-def _square_distance(point: Floats) -> Floats:
-    """Inertia (3, 3) of a unit mass at a point (3) [m^2]."""
-    return point @ point * np.eye(3) - np.outer(point, point)
+    return rotation_matrix(quat)
 
 
 def _read_moments(element: Element) -> Floats:
@@ -243,14 +231,14 @@ def _read_moments(element: Element) -> Floats:
     com, turn = _read_numbers(origin, "xyz"), _rotate(_read_numbers(origin, "rpy"))
     names = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
     numbers = [float((moments and moments.get(name)) or 0) for name in names]
-    about = turn @ np.reshape(numbers, (3, 3)) @ turn.T + mass * _square_distance(com)
+    about = turn @ np.reshape(numbers, (3, 3)) @ turn.T + point_inertia(mass, com)
     return np.concatenate([[mass], mass * com, about.ravel()])
 
 
 def _sum_moments(model: "mujoco.MjModel", body: int) -> Floats:
     """Moments (13) of a body about its origin: mass [kg], first [kg m], inertia."""
     mass, com = float(model.body_mass[body]), model.body_ipos[body]
-    about = spatial_inertia(model, body) + mass * _square_distance(com)
+    about = spatial_inertia(model, body) + point_inertia(mass, com)
     return np.concatenate([[mass], mass * com, about.ravel()])
 
 
@@ -318,15 +306,7 @@ def _describe_difference(
     field: str,
     said: str,
 ) -> Iterator[str]:
-    """Where a field differs between two models, in words.
-
-    Args:
-        urdf: compiled.
-        patched: compiled.
-        ids: of joints or bodies in both models, by name.
-        field: of MjModel.
-        said: what a user calls it.
-    """
+    """Where a field differs between two models, in words."""
     values = [getattr(model, field) for model in (urdf, patched)]
     far = []
     for name, pair in ids.items():

@@ -103,12 +103,6 @@ def _alternate(
     Where something touches slopes are rough, and a linear model holds near its values
     alone. Moves worth nearly as much as the best one are fitted beside it, and made
     where they predict clearly better (the judge).
-
-    Args:
-        states: to go on from.
-        longer: the problem in longer and longer segments.
-        rng: draws resamples.
-        record: of what was tried and found.
     """
     found = list(states)
     while not found[-1].is_explained:
@@ -152,12 +146,6 @@ def _keep_unfinished(
     """Have what a search found fitted to short segments, where time is over meanwhile.
 
     Not if it had fitted some of it already.
-
-    Args:
-        search: that is run.
-        state: whose segments are fitted.
-        rng: draws resamples.
-        record: of what was tried and found.
     """
     before = record.state
     try:
@@ -204,13 +192,6 @@ def _walk(
     """States with the sets of effects that a search reaches, fitted to simulations.
 
     One that explains everything stands alone.
-
-    Args:
-        search: in an error model.
-        state: to begin with.
-        longer: the problem in longer and longer segments.
-        rng: draws resamples.
-        record: of what was tried and found.
     """
     with _keep_unfinished(search, state, rng, record):
         search.run()
@@ -236,16 +217,7 @@ def _fit_set(
     rng: np.random.Generator,
     record: SearchRecord,
 ) -> SearchState:
-    """The state with a set of effects fitted to simulations, and what speaks for each.
-
-    Args:
-        search: that met the set.
-        linear: fit of it.
-        state: whose segments are fitted first.
-        longer: the problem in longer and longer segments.
-        rng: draws resamples.
-        record: of what was tried and found.
-    """
+    """The state with a set of effects fitted to simulations, and their claims."""
     for term in linear.named:
         less = remove_terms(linear, [linear.terms.index(term)])
         evidence = Evidence(*search.weigh(linear, less, term, rng))
@@ -261,14 +233,7 @@ def _fit_to_simulations(
     longer: Sequence[Problem],
     record: SearchRecord,
 ) -> SearchState:
-    """The state with the effects of a linear fit, in segments as long as they inform.
-
-    Args:
-        state: whose segments are fitted first.
-        linear: with effects and their values.
-        longer: the problem in longer and longer segments.
-        record: of what was found.
-    """
+    """The state with the effects of a linear fit, in segments that inform."""
     terms, values = linear.terms, linear.values[: linear.count]
     problem = marginalize_initial_states(state.problem, terms, values)
     fit = reweight_repeatedly(fit_parameters(problem, terms, values, iterations=4), 4)

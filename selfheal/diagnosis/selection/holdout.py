@@ -127,10 +127,6 @@ def _find_harmful(
     episodes do not tell stays where held-out ones are predicted clearly worse without;
     one too small to matter never does.
 
-    Args:
-        hypothesis: with names.
-        judge: of the held-out episodes.
-
     Returns:
         The name and the fit without it, or None; and by the key of each name's term
         the ratio [1] of the held-out error without it to that with it, which all are

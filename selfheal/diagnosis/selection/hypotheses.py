@@ -7,6 +7,7 @@ import numpy as np
 
 from ..data.robot_summary import RobotSummary
 from ..effects.base import Effect, Term
+from ..effects.measurement import Quantization
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.problem import Problem
@@ -77,7 +78,7 @@ def start_search(
         effects: the catalogue.
         rng: draws the segments of the search.
     """
-    searched = [effect for effect in effects if not effect.rounds_readings]
+    searched = [effect for effect in effects if not isinstance(effect, Quantization)]
     candidates = tuple(
         term for effect in searched for term in effect.propose_terms(robot)
     )

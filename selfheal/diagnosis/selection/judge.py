@@ -56,7 +56,7 @@ class Judge:
     def log_errors(self, fit: Fit) -> list[Floats]:
         """Errors (W) [nats] of a fit's replay in the segments of each length."""
         return [
-            log_errors(self.simulator, s, fit.terms, fit.values, centered=True)
+            log_errors(self.simulator.leapfrog, s, fit.terms, fit.values)
             for s in self.horizons
         ]
 

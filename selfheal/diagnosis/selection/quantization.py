@@ -7,6 +7,7 @@ import numpy as np
 
 from ..data.robot_summary import Channel, RobotSummary
 from ..effects.base import Effect, Term
+from ..effects.measurement import Quantization
 from ..estimation.fit import Fit
 from ..estimation.noise import residual_rms
 from .hypotheses import Hypothesis, NamedEffect
@@ -31,10 +32,9 @@ def name_quantization(
     problem, final = hypothesis.problem, hypothesis.final
     residual = residual_rms(problem, final.residuals) ** 2
     by_name = {c.name: c for c in robot.channels}
-    for term in (
-        t for e in effects if e.rounds_readings for t in e.propose_terms(robot)
-    ):
-        channel = by_name[term.places[0]["signal"]]
+    rounding = [e for e in effects if isinstance(e, Quantization)]
+    for term in (t for e in rounding for t in e.propose_terms(robot)):
+        channel = by_name[term.targets[0].partition(":")[2]]
         noise, column = float(channel.scatter[0]), channel.first_column
         variance = channel.quantum**2 / 12
         if variance < SELECTION.min_quantization_noise_share * noise**2:

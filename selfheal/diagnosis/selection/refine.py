@@ -82,10 +82,6 @@ def _lengthen(
     What builds up over longer ones is fitted there first. Over still longer ones errors
     of the time step, or of what is missing, can grow so far that they decide the fit.
 
-    Args:
-        problems: in longer and longer segments.
-        hypothesis: with a fit to the segments of the search.
-
     Returns:
         The segments, and values (P) of the hypothesis that were fitted on the way.
     """

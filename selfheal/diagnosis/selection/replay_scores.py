@@ -221,11 +221,6 @@ def _measure_floor(
     moves by its standard deviation, and the squared changes are summed. The time step's
     error is twice the change by half the step (Richardson 1911).
 
-    Args:
-        dataset: with the held-out episodes.
-        segments: that were replayed.
-        fit: that was replayed.
-
     Returns:
         Of all three (S) [each channel's unit^2], and the score [1] of the initial
         states alone.

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..effects.base import Term
+from ..effects.declaration import UNUSUAL
 from ..estimation.covariance import effective_sample_size
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
@@ -100,7 +101,9 @@ class SearchState:
         """
         if self._has_bad_channel:
             return False
-        is_doubtful = any(t.effect.rarity for t in self.named) or len(self.named) > 1
+        is_doubtful = (
+            any(t.log_odds < UNUSUAL for t in self.named) or len(self.named) > 1
+        )
         is_strict = is_doubtful and not self.problem.regime.has_rough_cost
         limit = FIT.strictly_unexplained_ratio if is_strict else FIT.unexplained_ratio
         return self._is_noise or noise_ratio(self.best) <= limit

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.nominal import NominalParameter
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
@@ -188,7 +189,7 @@ def _round(base: LinearizedFit, half: Floats, chosen: np.ndarray) -> Floats:
     fit = base.fit
     low, high, _ = stack_bounds(fit.terms)
     unit = np.array([
-        t.finding_fields["value"] if t.effect.name == "stated" else 1.0
+        t.effect.value if isinstance(t.effect, NominalParameter) else 1.0
         for t in fit.terms for _ in t.parameters
     ])  # fmt: skip
     coarsest = half * np.abs(unit) * SELECTION.max_rounding_step

@@ -181,7 +181,7 @@ def is_replay_off(
     if _typical_score(simulator, scores.squares["patched"], scores.count) <= limit:
         return False
     squares = score.sum_squared_errors(
-        simulator, scores.segments, fit.terms, fit.values, centered=True
+        simulator.leapfrog, scores.segments, fit.terms, fit.values
     )
     return _typical_score(simulator, squares, scores.count) > limit
 

@@ -1,9 +1,8 @@
 """States of actuators: takes past commands and readings, gives what they came to."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from itertools import accumulate
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -13,11 +12,10 @@ from ...recording.actuator_laws import find_goal
 from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
-from ..data.state_estimate import estimate_initial_state
 from ..effects.commands import delay_column, limit_rate_of_column
-from ..effects.places import actuator_place
+from ..effects.controller.servo import SETTLED, IntegralAction, IntegratorPlace
+from ..effects.places import ActuatorPlace, actuator_place
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .commands import transform_commands
 from .model_variants import ModelVariant
 from .system import RecordedSystem
@@ -67,7 +65,9 @@ def compute_activations(
     return out.reshape(-1, model.na)
 
 
-def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats | None:
+def fill_histories(
+    system: RecordedSystem, model: mujoco.MjModel, segments: Segments
+) -> Floats | None:
     """Buffers of the past commands to actuators with a delay.
 
     Before an episode's first sample, its first command was given (contract, section
@@ -100,7 +100,6 @@ def fill_histories(system: RecordedSystem, model, segments: Segments) -> Floats 
 
 def integrate_servo_errors(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
 ) -> dict[int, Floats]:
@@ -108,7 +107,6 @@ def integrate_servo_errors(
 
     Args:
         system: that is simulated.
-        cache: of the errors that each step adds.
         hypotheses: n of them.
         segments: W of them.
 
@@ -118,12 +116,11 @@ def integrate_servo_errors(
     errors = {}
     for term, values in zip(hypotheses.terms, hypotheses.term_values, strict=True):
         for place in term.places:
-            effect: Any = term.effect
-            if effect.name == "integral_action":
-                bounds = effect.max_integral(values)
-                servo = _IntegratingServo(system, cache, hypotheses.variant, place)
+            if isinstance(place, IntegratorPlace):
+                bounds = IntegralAction.max_integral(values)
+                servo = _IntegratingServo(system, hypotheses.variant, place)
                 each = zip(hypotheses.models, values[:, 0], bounds, strict=True)
-                errors[place["actuator"]] = np.concatenate(
+                errors[place.actuator] = np.concatenate(
                     [servo.integrate(segments, *hypothesis) for hypothesis in each]
                 )
     return errors
@@ -138,14 +135,15 @@ class _IntegratingServo:
     def __init__(
         self,
         system: RecordedSystem,
-        cache: SimulationCache,
         variant: ModelVariant,
-        place: Mapping[str, Any],
+        place: IntegratorPlace,
     ) -> None:
-        self.system, self.cache = system, cache
+        self.system = system
         self.variant, self.place = variant, place
 
-    def integrate(self, segments: Segments, model, gain: float, bound: float) -> Floats:
+    def integrate(
+        self, segments: Segments, model: mujoco.MjModel, gain: float, bound: float
+    ) -> Floats:
         """Integrated error where segments begin, under one hypothesis.
 
         It begins at 0 with an episode. Where the servo had settled before, it begins
@@ -162,13 +160,13 @@ class _IntegratingServo:
         """
         system, place = self.system, self.place
         total = np.zeros(len(segments))
-        is_settled = place.get("begins") == "settled" and gain > 0
+        is_settled = place.begins == SETTLED and gain > 0
         integrated = segments.episode[(segments.first_step > 0) | is_settled]
         for episode in np.unique(integrated):
             rows = np.flatnonzero(segments.episode == episode)
-            added = self.cache.load_or_compute(
+            added = self.system.cache.load_or_compute(
                 segments,
-                ("servo errors", place["actuator"], episode),
+                ("servo errors", place.actuator, episode),
                 partial(_servo_errors, system, system.episodes[episode], place),
             )
             begin = 0.0
@@ -182,7 +180,7 @@ class _IntegratingServo:
         return total
 
     def _required_torque(
-        self, segments: Segments, model, episode: int, at: np.ndarray
+        self, segments: Segments, model: mujoco.MjModel, episode: int, at: np.ndarray
     ) -> float:
         """Mean torque that a motion needs beside what the actuators give.
 
@@ -199,8 +197,8 @@ class _IntegratingServo:
             Its mean over the K steps [N m or N].
         """
         variant = self.variant
-        dof = variant.map_place(self.place)["dof"]
-        motion = self.cache.load_or_compute(
+        dof = self.place.renumber(variant).dof
+        motion = self.system.cache.load_or_compute(
             segments,
             ("first motion", episode),
             partial(_estimate_motion, self.system, episode, at),
@@ -220,7 +218,8 @@ def _estimate_motion(
     system: RecordedSystem, episode: int, at: np.ndarray
 ) -> tuple[Floats, Floats, Floats]:
     """Position (K, nq), velocity and acceleration (K, nv) at steps `at` (K)."""
-    qpos, qvel, _ = estimate_initial_state(system, episode, at, {})
+    state = system.complete_state(episode, at)
+    qpos, qvel = state.qpos, state.qvel
     if len(at) == 1:
         return qpos, qvel, 0 * qvel
     return qpos, qvel, np.gradient(qvel, at * system.timestep, axis=0)
@@ -230,12 +229,14 @@ def _actuator_lengths(system: RecordedSystem, episode: int) -> Floats:
     """Lengths (nactuator) of the actuators where an episode begins [rad or m]."""
     model = system.compiler.nominal
     data = mujoco.MjData(model)
-    data.qpos[:] = estimate_initial_state(system, episode, np.zeros(1), {})[0][0]
+    data.qpos[:] = system.complete_state(episode, np.zeros(1)).qpos[0]
     mujoco.mj_fwdPosition(model, data)
     return np.array(data.actuator_length[model.actuator_outadr])
 
 
-def filter_commands(model, ctrl: Floats, step: float, begin: Floats) -> Floats:
+def filter_commands(
+    model: mujoco.MjModel, ctrl: Floats, step: float, begin: Floats
+) -> Floats:
     """Activations along a grid of commands, by MuJoCo's first-order dynamics.
 
     A filter follows w[k+1] = u[k] + (w[k] - u[k]) exp(-h / tau), an integrator
@@ -305,7 +306,7 @@ def _follow_pids(
             states.append(np.concatenate([goal[:, :1], goal[:, :-1]], axis=1))
         if model.actuator_gainprm[a, 0]:
             place = actuator_place(system.compiler.nominal, a)
-            error = goal - place["gear"] * _read_joint(system, episode, place)
+            error = goal - place.gear * _read_joint(system, episode, place)
             bound = most if most > 0 else np.inf
             added = (_add_up(each[:-1], step) for each in error)
             sums = [_accumulate_clipped(x, 0.0, -bound, bound) for x in added]
@@ -331,14 +332,14 @@ def _first_steps(system: RecordedSystem, episode: int) -> np.ndarray:
 
 
 def _servo_errors(
-    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+    system: RecordedSystem, episode: SampledEpisode, place: ActuatorPlace
 ) -> list[float]:
     """What each step (G) adds to a servo's integrated error [rad s].
 
     That is h (command - position), with the position as it was read.
     """
     read = _read_joint(system, episode, place)
-    return _add_up(episode.ctrl[:, place["goal"]] - read, system.timestep)
+    return _add_up(episode.ctrl[:, place.goal] - read, system.timestep)
 
 
 def _add_up(error: Floats, step: float) -> list[float]:
@@ -347,12 +348,12 @@ def _add_up(error: Floats, step: float) -> list[float]:
 
 
 def _read_joint(
-    system: RecordedSystem, episode: SampledEpisode, place: Mapping[str, Any]
+    system: RecordedSystem, episode: SampledEpisode, place: ActuatorPlace
 ) -> Floats:
     """Position (G) of an actuator's joint as it was read; NaN where it was not."""
     grid = np.arange(len(episode.ctrl), dtype=float)
     model = system.compiler.nominal
-    joint = [j for j in range(model.njnt) if model.jnt_qposadr[j] == place.get("qpos")]
+    joint = [j for j in range(model.njnt) if model.jnt_qposadr[j] == place.qpos]
     read = [("joint_position", model.joint(j).name) for j in joint]
     for c in system.channels:
         if (c.kind, c.target) in read:

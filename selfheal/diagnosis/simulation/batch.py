@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
@@ -12,6 +13,9 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from .model_variants import ModelVariant, read_model_field
 from .sensors import SensorReader
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
 
 # share of the inertia of a motion that centered damping may take away, at most; chosen:
 # lighter joints could not be simulated
@@ -41,6 +45,11 @@ class Hypotheses:
     reading_changes: Mapping[str, Mapping[str, Floats]]
     centered: bool
 
+    @property
+    def timestep(self) -> float:
+        """Of their simulation [s]."""
+        return float(self.models[0].opt.timestep)
+
 
 @dataclass(frozen=True, eq=False)
 class BatchState:
@@ -61,7 +70,9 @@ class BatchState:
     history: Floats | None
 
 
-def center_damping(model, step: float, inverse_inertias: Floats) -> None:
+def center_damping(
+    model: mujoco.MjModel, step: float, inverse_inertias: Floats
+) -> None:
     """Make damping act on the mean of a step's two velocities, by a change of inertia.
 
     With inertia M, damping D, force f and step h, the damping acts
@@ -95,7 +106,7 @@ def center_damping(model, step: float, inverse_inertias: Floats) -> None:
     model.dof_armature -= _limit_loss(np.maximum(-change, 0), inverse_inertias)
 
 
-def compute_servo_impedance(model) -> Floats:
+def compute_servo_impedance(model: mujoco.MjModel) -> Floats:
     """(nv, 2) stiffness and damping of the servos of each joint of a compiled model."""
     out = np.zeros((model.nv, 2))
     for a in range(model.nactuator):
@@ -122,7 +133,7 @@ def _limit_loss(loss: Floats, inverse_inertias: Floats) -> Floats:
     return loss * min(1.0, MAX_INERTIA_LOSS / shares.max())
 
 
-def make_batch(hypotheses: Hypotheses, initial: BatchState):
+def make_batch(hypotheses: Hypotheses, initial: BatchState) -> "Batch":
     """Make a MuJoCo batch of N simulations, in their initial states, on all cores.
 
     All share one model, with arrays by simulation of the fields in which hypotheses
@@ -139,14 +150,15 @@ def make_batch(hypotheses: Hypotheses, initial: BatchState):
     batch = Batch(variant.model, count, nthread=threads)
     segments = count // len(hypotheses.models)
     for name, nominal in variant.nominal_fields.items():
-        values = [read_model_field(m, name) for m in hypotheses.models]
+        read = (read_model_field(m, name) for m in hypotheses.models)
+        values = [value for value in read if value is not None]
         if any(v.tobytes() != nominal for v in values):
             batch.expand(name)[:] = np.repeat(np.stack(values), segments, axis=0)
     _set_states(batch, initial)
     return batch
 
 
-def _set_states(batch, initial: BatchState) -> None:
+def _set_states(batch: "Batch", initial: BatchState) -> None:
     """Set the states of a batch to the initial ones."""
     batch.bind("qpos")[:], batch.bind("qvel")[:] = initial.qpos, initial.qvel
     batch.bind("time")[:] = 0
@@ -156,7 +168,16 @@ def _set_states(batch, initial: BatchState) -> None:
         batch.bind("history")[:] = initial.history
 
 
-def shift_velocity_back(batch, initial: BatchState) -> Floats:
+def set_commands(batch: "Batch", commands: Floats) -> Floats:
+    """Set the commands (B, nu) of a batch; where they stand there, or none of them."""
+    if not commands.shape[-1]:
+        return commands
+    bound: Floats = batch.bind("ctrl")
+    bound[:] = commands
+    return bound
+
+
+def shift_velocity_back(batch: "Batch", initial: BatchState) -> Floats:
     """Set a batch that made one step back, with velocities of half a step earlier.
 
     By v[-1/2] = v[0] - (v[1] - v[0]) / 2.
@@ -175,7 +196,7 @@ def shift_velocity_back(batch, initial: BatchState) -> Floats:
 
 
 def restore_whole_steps(
-    batch,
+    batch: "Batch",
     recorded: Mapping[str, Floats],
     commands: Floats,
     sensors: SensorReader,
@@ -212,8 +233,7 @@ def restore_whole_steps(
         at_step = {name: values[k] for name, values in recorded.items()}
         bound["qpos"][:] = at_step["qpos"]
         if len(accelerations):  # only what the other velocity changes is added
-            if commands.shape[-1]:
-                batch.bind("ctrl")[:] = commands[k]
+            set_commands(batch, commands[k])
             bound["qvel"][:] = early[k]
             batch.forward(stage=stage)
             at_step["sensordata"][:, accelerations] -= bound["sensordata"][
@@ -240,7 +260,7 @@ def allow_divergence() -> np.errstate:
     return np.errstate(over="ignore", invalid="ignore")
 
 
-def find_diverged(batch) -> np.ndarray:
+def find_diverged(batch: "Batch") -> np.ndarray:
     """(B) whether MuJoCo warned of a bad position, velocity or acceleration."""
     bad = [
         int(getattr(mujoco.mjtWarning, f"mjWARN_BAD{x}"))

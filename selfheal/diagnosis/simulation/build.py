@@ -30,11 +30,7 @@ from ..data.robot_summary import (
     summarize_joints,
 )
 from ..data.segments import cut_segments
-from ..data.state_estimate import (
-    complete_state,
-    estimate_initial_state,
-    estimate_state,
-)
+from ..data.state_estimate import estimate_state
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
@@ -95,7 +91,7 @@ def build_simulator(
 
 
 def sample_with_base(
-    name: str, episode: Episode, channels: tuple[Channel, ...], model
+    name: str, episode: Episode, channels: tuple[Channel, ...], model: mujoco.MjModel
 ) -> SampledEpisode:
     """Put an episode on the grid of a model's steps, with the motion of its base.
 
@@ -111,7 +107,10 @@ def sample_with_base(
 
 
 def _estimate_base_motion(
-    model, channels: tuple[Channel, ...], episode: SampledEpisode, step: float
+    model: mujoco.MjModel,
+    channels: tuple[Channel, ...],
+    episode: SampledEpisode,
+    step: float,
 ) -> BaseMotion | None:
     """Estimate the motion of a floating base that no sensor of poses reads.
 
@@ -156,7 +155,9 @@ def summarize_robot(simulator: Simulator) -> RobotSummary:
     )
 
 
-def _shows(body: MovingBody, model, channels: Sequence[Channel]) -> bool:
+def _shows(
+    body: MovingBody, model: mujoco.MjModel, channels: Sequence[Channel]
+) -> bool:
     """Whether a body that touches nothing has mass, a site, or readings of its own."""
     read = {c.target for c in channels if c.kind.startswith("body")}
     return bool(
@@ -178,7 +179,7 @@ class StateReconstruction:
         known = [np.zeros((1, model.nq), bool)]
         for i, episode in enumerate(simulator.episodes):
             at = spread_moments(episode.sample_steps[-1])
-            known.append(complete_state(simulator, i, at, {}).is_known)
+            known.append(simulator.complete_state(i, at).is_known)
             positions.append(
                 estimate_state(
                     model, simulator.channels, episode, at, simulator.timestep, {}
@@ -194,7 +195,8 @@ class StateReconstruction:
 
     def __call__(self, episode: int, at: np.ndarray) -> tuple[Floats, Floats]:
         """Positions (W, nq) and velocities (W, nv) at times `at` (W) [steps]."""
-        qpos, qvel, _ = estimate_initial_state(self._simulator, episode, at, {})
+        state = self._simulator.complete_state(episode, at)
+        qpos, qvel = state.qpos, state.qvel
         if not self.is_known.all():
             path = self._simulate_path(episode)
             path = path[np.minimum(at, len(path) - 1)]
@@ -209,8 +211,8 @@ class StateReconstruction:
             simulator = self._simulator
             model = simulator.compiler.nominal
             data = mujoco.MjData(model)
-            first = estimate_initial_state(simulator, episode, np.zeros(1, int), {})
-            data.qpos[:], data.qvel[:] = first[0][0], first[1][0]
+            first = simulator.complete_state(episode, np.zeros(1, int))
+            data.qpos[:], data.qvel[:] = first.qpos[0], first.qvel[0]
             kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
             state = np.empty(mujoco.mj_stateSize(model, kind))
             mujoco.mj_getState(model, data, state, kind)
@@ -268,7 +270,7 @@ class _MotionStatistics:
         )
 
 
-def _may_rest_on_ground(model) -> bool:
+def _may_rest_on_ground(model: mujoco.MjModel) -> bool:
     """Whether a body floats and the world has a geom to touch."""
     is_fixed = model.body_weldid[model.geom_bodyid] == 0
     is_solid = (model.geom_contype | model.geom_conaffinity) > 0
@@ -345,7 +347,7 @@ def _summarize_actuator(
 
 
 def _transmission_motion(
-    model, a: int, joint: Joint | None, qpos: Floats, qvel: Floats
+    model: mujoco.MjModel, a: int, joint: Joint | None, qpos: Floats, qvel: Floats
 ) -> tuple[Floats, Floats]:
     """Lengths and velocities (W) of an actuator, by MuJoCo's actuator_length.
 
@@ -369,7 +371,7 @@ def _transmission_motion(
     return found[0], found[1]
 
 
-def _driven_unit(model, a: int) -> str:
+def _driven_unit(model: mujoco.MjModel, a: int) -> str:
     """Unit of what an actuator without a hinge or slide moves, "rad" or "m"."""
     if model.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_TENDON:
         tendon = int(model.actuator_trnid[a, 0])

@@ -7,15 +7,16 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.commands import MAX_LOOK_AHEAD, CommandGrid
+from ..effects.places import ControlsPlace
+from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .system import RecordedSystem
 
 
 def compute_commands(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     *,
@@ -26,7 +27,6 @@ def compute_commands(
 
     Args:
         system: that is simulated.
-        cache: of the commands that no effect changes.
         hypotheses: n of them.
         segments: W of them.
         centered: as `transform_commands` has it.
@@ -36,8 +36,8 @@ def compute_commands(
         (n W, K, nu) of K steps [each control's unit].
     """
     terms = hypotheses.terms
-    if not any(implements(t.effect, "transform_command") for t in terms):
-        sent = cache.load_or_compute(
+    if not any(isinstance(t.effect, CommandFilter) for t in terms):
+        sent = system.cache.load_or_compute(
             segments,
             ("commands", centered),
             lambda: _cut_commands(
@@ -64,8 +64,7 @@ def _cut_commands(
     n = len(term_values[0]) if terms else 1
     steps = np.arange(int(segments.lengths.max()) + 2)
     out = np.empty((n, len(segments), len(steps), system.compiler.nominal.nu))
-    ahead = max((t.effect.looks_ahead for t in terms), default=0.0)
-    margin = 1 + round(ahead / system.timestep)
+    margin = 1 + round(MAX_LOOK_AHEAD / system.timestep)
     for i in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == i)
         episode = system.episodes[i].truncate(
@@ -103,13 +102,15 @@ def transform_commands(
     Returns:
         (1 or n, G, nu) [each control's unit].
     """
+    grid = CommandGrid(step, is_mean=mean)
     sent = (episode.ctrl_centered if centered else episode.ctrl)[None]
     ctrl, earlier = sent, list[tuple[set[int], Floats]]()
     for term, values in zip(terms, term_values, strict=True):
-        if not implements(term.effect, "transform_command"):
+        if not isinstance(term.effect, CommandFilter):
             continue
         for place in term.places:
-            own = list(place.get("controls", range(sent.shape[-1])))
+            assert isinstance(place, ControlsPlace)  # by `CommandFilter`
+            own = list(place.controls)
             # most hypotheses differ in values that act on other controls
             acting = [v for controls, v in earlier if not controls.isdisjoint(own)]
             _, first, which = np.unique(
@@ -117,14 +118,9 @@ def transform_commands(
                 axis=0, return_index=True, return_inverse=True,
             )  # fmt: skip
             rows = sent if ctrl is sent else ctrl[first]
-            each = term.effect.transform_command(rows, step, place, values[first])
-            each = each[..., own]
-            if mean and term.effect.holds_previous_command:
-                after = np.append(each[:, 1:], each[:, -1:], axis=1)
-                is_held = values[first, :1, None] > 0
-                each = np.where(is_held, (each + after) / 2, each)
+            each = term.effect.transform_command(rows, grid, place, values[first])
             if ctrl is sent:
                 ctrl = np.repeat(sent, len(values), axis=0)
-            ctrl[..., own] = each[which.ravel()]
+            ctrl[..., own] = each[..., own][which.ravel()]
             earlier.append((set(own), values))
     return ctrl

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from ...recording import (
 from ..data.episodes import collect_signal_meanings
 from ..data.robot_summary import Channel, RobotSummary
 from ..data.segments import Segments, cut_segments
-from ..data.state_estimate import complete_state
 from .build import (
     MEASURED_SHARE,
     StateReconstruction,
@@ -29,6 +29,9 @@ from .build import (
 from .checkpoint import Checkpoint
 from .model_variants import ModelCompiler
 from .simulator import Simulator
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 SHORT_SEGMENT = 0.5  # [s] of a segment; chosen: as long as the contract scores
 # [s] of longer segments, in which slow effects show; chosen: each is four times as long
@@ -206,9 +209,7 @@ def choose_coarsening(simulator: Simulator) -> int:
         some = np.linspace(0, len(segments) - 1, COARSENING_SEGMENTS).astype(int)
         segments = segments.select(np.unique(some))
         pairs = (coarse, segments), (simulator, segments.with_finer_steps(count))
-        predicted = [
-            s.simulate((), np.zeros((1, 0)), w, centered=True)[0] for s, w in pairs
-        ]
+        predicted = [s.leapfrog.simulate((), np.zeros((1, 0)), w)[0] for s, w in pairs]
         change = (predicted[0] - predicted[1]) ** 2
         change[~np.isfinite(segments.readings)] = 0.0
         if (np.sqrt(change.mean(axis=0)) <= MAX_COARSENING_ERROR * noise).all():
@@ -254,7 +255,7 @@ def list_unmeasured_joints(simulator: Simulator) -> list[str]:
     ]
 
 
-def _describe_joint(model, joint: int) -> str:
+def _describe_joint(model: "MjModel", joint: int) -> str:
     """A joint as a message names it; a floating base by its body."""
     if model.jnt_type[joint] == 0:  # mjtJoint: free
         return f"the free base {model.body(model.jnt_bodyid[joint]).name!r}"
@@ -263,4 +264,4 @@ def _describe_joint(model, joint: int) -> str:
 
 def _is_state_known(simulator: Simulator, episode: int, at: np.ndarray) -> np.ndarray:
     """(W) whether each joint's position is known at times `at` (W) [steps]."""
-    return np.array(complete_state(simulator, episode, at, {}).is_known.all(axis=1))
+    return np.array(simulator.complete_state(episode, at).is_known.all(axis=1))

@@ -8,15 +8,14 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..data.state_estimate import complete_state, estimate_initial_state
-from ..effects.base import Term
+from ..effects.places import AddedJointPlace, SecondJointPlace
+from ..effects.protocols import JointAddition
 from .actuator_states import (
     compute_activations,
     fill_histories,
     integrate_servo_errors,
 )
 from .batch import BatchState, Hypotheses
-from .cache import SimulationCache
 from .system import RecordedSystem
 
 
@@ -31,7 +30,6 @@ class InitialStates:
     def __init__(
         self,
         system: RecordedSystem,
-        cache: SimulationCache,
         hypotheses: Hypotheses,
         segments: Segments,
     ) -> None:
@@ -39,11 +37,10 @@ class InitialStates:
 
         Args:
             system: that is simulated.
-            cache: of the system's states and servo errors.
             hypotheses: n of them.
             segments: W of them.
         """
-        self.system, self.cache = system, cache
+        self.system = system
         self.hypotheses, self.segments = hypotheses, segments
 
     def compute(self, initial_state_offset: Floats | None) -> BatchState:
@@ -65,17 +62,15 @@ class InitialStates:
         q[:] = variant.model.qpos0
         q[..., variant.qpos], v[..., variant.dof] = qpos, qvel
         for term, values in zip(hypotheses.terms, hypotheses.term_values, strict=True):
-            for place in term.places:
-                if "suffix" in place:
-                    self._settle_second_joint(
-                        term, variant.map_place(place), values, q, v
-                    )
+            if isinstance(term.effect, JointAddition):
+                for place in variant.list_added_joints([term]):
+                    self._settle_added_joint(term.effect, place, values, q, v)
         histories = fill_histories(system, variant.model, segments)
         return BatchState(
             q.reshape(n * w, -1),
             v.reshape(n * w, -1),
             compute_activations(system, hypotheses, segments),
-            integrate_servo_errors(system, self.cache, hypotheses, segments),
+            integrate_servo_errors(system, hypotheses, segments),
             None if histories is None else np.tile(histories, (n, 1)),
         )
 
@@ -85,7 +80,7 @@ class InitialStates:
         if self.hypotheses.reading_changes:
             qpos, qvel = self._estimate_states(n)
         else:
-            qpos, qvel = self.cache.load_or_compute(
+            qpos, qvel = self.system.cache.load_or_compute(
                 self.segments, "initial states", lambda: self._estimate_states(1)
             )
         shape = (n, len(self.segments))
@@ -113,15 +108,16 @@ class InitialStates:
                 continue
             for episode in np.unique(segments.episode):
                 rows = np.flatnonzero(segments.episode == episode)
-                q, v, _ = estimate_initial_state(
-                    system, int(episode), segments.first_step[rows], change
+                state = system.complete_state(
+                    int(episode), segments.first_step[rows], change
                 )
+                q, v = state.qpos, state.qvel
                 qpos[i, rows], qvel[i, rows] = q, v
         return qpos, qvel
 
     def _follow_loops(self, offset: Floats) -> Floats:
         """Offsets (n, W, 2 nv) in which joints that loops place follow the others."""
-        response = self.cache.load_or_compute(
+        response = self.system.cache.load_or_compute(
             self.segments, "loop responses", self._loop_responses
         )
         parts = np.split(offset, 2, axis=-1)
@@ -134,17 +130,15 @@ class InitialStates:
         response = np.tile(np.eye(nv), (len(segments), 1, 1))
         for episode in np.unique(segments.episode):
             rows = np.flatnonzero(segments.episode == episode)
-            state = complete_state(
-                self.system, int(episode), segments.first_step[rows], {}
-            )
+            state = self.system.complete_state(int(episode), segments.first_step[rows])
             if state.response is not None:
                 response[rows] = state.response
         return response
 
-    def _settle_second_joint(
+    def _settle_added_joint(
         self,
-        term: Term,
-        place: Mapping[str, Any],
+        effect: JointAddition,
+        place: AddedJointPlace,
         values: Floats,
         qpos: Floats,
         qvel: Floats,
@@ -154,9 +148,9 @@ class InitialStates:
         Where an episode begins in a given state, the added joint begins at 0.
 
         Args:
-            term: that adds the joint.
+            effect: that adds the joint.
             place: of the joint, as the hypotheses' variant numbers it.
-            values: (n, p) of the term.
+            values: (n, p) of the effect.
             qpos: (n, W, nq) of the variant; changed.
             qvel: (n, W, nv) of the variant.
         """
@@ -168,15 +162,15 @@ class InitialStates:
             for k in free:
                 data.qpos[:], data.qvel[:] = qpos[i, k], qvel[i, k]
                 mujoco.mj_forward(model, data)
-                load = -float(data.qfrc_bias[place["dof"]])
-                deflection = term.effect.compute_deflection(values[i], load)
-                qpos[i, k, place["extra_qpos"]] = deflection
-                if place["side"] == "link":
-                    qpos[i, k, place["qpos"]] -= deflection
+                load = -float(data.qfrc_bias[place.loaded_dof])
+                deflection = effect.compute_deflection(values[i], load)
+                qpos[i, k, place.added_qpos] = deflection
+                if isinstance(place, SecondJointPlace) and place.is_read_behind:
+                    qpos[i, k, place.qpos] -= deflection
 
 
 def _add_offset(
-    model, qpos: Floats, qvel: Floats, offset: Floats
+    model: mujoco.MjModel, qpos: Floats, qvel: Floats, offset: Floats
 ) -> tuple[Floats, Floats]:
     """States moved in their tangent space, as MuJoCo integrates a position.
 

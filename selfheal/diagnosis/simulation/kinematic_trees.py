@@ -5,11 +5,15 @@ its own values. MuJoCo numbers them (`body_treeid`).
 """
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..effects.base import Term
 from .simulator import Simulator
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 NO_TREE = -1  # of what is in several trees, or in none
 
@@ -86,7 +90,7 @@ def _find_channel_trees(simulator: Simulator, terms: Sequence[Term]) -> dict[str
     }
 
 
-def _find_tree(model, kind: str, name: str) -> int:
+def _find_tree(model: "MjModel", kind: str, name: str) -> int:
     """The tree of the body that an element of the model moves, by its kind and name."""
     import mujoco
 

@@ -1,27 +1,24 @@
 """Model variants: takes terms and values, gives compiled models of hypotheses."""
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...mujoco_files import delete_unused_meshes, list_visual_meshes
 from ...recording import load_model, read_spec
 from ...recording.data import Floats
-from ..effects.base import Term, implements
-from ..effects.places import name_added_joint
+from ..effects.base import Term
+from ..effects.places import AddedJointPlace, JointPlace, Numbering
+from ..effects.protocols import JointAddition, ModelEdit
 
 if TYPE_CHECKING:
     import mujoco
 
 _RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
-# kept apart for joints and degrees of freedom: an added joint shifts what follows it
-_JOINT_KEYS = ("joint",)
-_DOF_KEYS = ("dof", "other_dof")
-_QPOS_KEYS = ("qpos", "other_qpos")
 INERTIA_POSES = 8  # in which joints' inertia is looked at; chosen
 # what fields of MjModel begin with that effects edit, or that follow from an edit
 _EDITED_FIELDS = tuple(
@@ -31,48 +28,26 @@ _EDITED_FIELDS = tuple(
 _MESH_FIELDS = "geom_type", "geom_dataid", "geom_aabb", "body_bvhadr", "body_bvhnum"
 
 
-@dataclass(frozen=True, eq=False)
-class ModelVariant:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelVariant(Numbering):
     """A compiled model with the joints that some terms add.
 
     Attributes:
-        model: compiled; a diverged state is not reset.
         twin: the same with boxes in place of meshes, to copy and to edit; it touches
             otherwise.
-        dof: (nv of the given model) indices of its degrees of freedom in this model.
-        qpos: (nq of the given model) indices of its positions in this model.
-        joint: (njnt of the given model) ids of its joints in this model.
     """
 
-    model: "mujoco.MjModel"
     twin: "mujoco.MjModel"
-    dof: np.ndarray
-    qpos: np.ndarray
-    joint: np.ndarray
 
     @property
     def is_single_stage(self) -> bool:
         """Whether the integrator has one stage, so that a step can be a leapfrog's."""
         return bool(self.model.opt.integrator != _RK4)
 
-    def map_place(self, place: Mapping[str, Any]) -> dict[str, Any]:
-        """Renumber a term's place for this model, and add where its second joint is."""
-        out = dict(place)
-        for keys, new in (
-            (_JOINT_KEYS, self.joint), (_DOF_KEYS, self.dof), (_QPOS_KEYS, self.qpos)
-        ):  # fmt: skip
-            for key in keys:
-                if key in out and out[key] >= 0:
-                    out[key] = int(new[out[key]])
-        if "suffix" in out:
-            extra = self.model.joint(name_added_joint(self.model, out))
-            out |= {
-                "extra_jnt": extra.id,
-                "extra_dof": int(extra.dofadr[0]),
-                "extra_qpos": int(extra.qposadr[0]),
-            }
-            out.setdefault("dof", out["extra_dof"])
-        return out
+    def list_added_joints(self, terms: Sequence[Term]) -> list[AddedJointPlace]:
+        """Where terms add joints, as this model numbers them."""
+        places = [place for term in terms for place in term.places]
+        return [p.renumber(self) for p in places if isinstance(p, AddedJointPlace)]
 
     def build_model(self, terms: Sequence[Term], values: Floats) -> "mujoco.MjModel":
         """Build the model of one hypothesis, with values (P) of all terms."""
@@ -102,13 +77,18 @@ class ModelVariant:
             mujoco.mj_setConst(model, self.scratch_data)
         return models
 
-    def _edit_copy(self, model, terms: Sequence[Term], term_values: Sequence[Floats]):
+    def _edit_copy(
+        self,
+        model: "mujoco.MjModel",
+        terms: Sequence[Term],
+        term_values: Sequence[Floats],
+    ) -> "mujoco.MjModel":
         """Copy a model and edit the copy by terms, each with its values (p)."""
         model = copy.copy(model)
         for term, values in zip(terms, term_values, strict=True):
-            if implements(term.effect, "edit_model"):
+            if isinstance(term.effect, ModelEdit):
                 for place in term.places:
-                    term.effect.edit_model(model, self.map_place(place), values)
+                    term.effect.edit_model(model, place.renumber(self), values)
         return model
 
     @cached_property
@@ -132,7 +112,7 @@ class ModelVariant:
         return {k: v.tobytes() for k, v in values.items() if v is not None and v.size}
 
 
-def compute_inverse_inertias(model) -> Floats:
+def compute_inverse_inertias(model: "mujoco.MjModel") -> Floats:
     """(k, nv, nv) inverse of the joints' inertia matrix, in k poses."""
     import mujoco
 
@@ -155,7 +135,7 @@ def _list_edited() -> list[str]:
     return [name for name in MODEL_FIELDS if name.startswith(_EDITED_FIELDS)]
 
 
-def read_model_field(model, name: str):
+def read_model_field(model: "mujoco.MjModel", name: str) -> np.ndarray | None:
     """Read a field of a compiled model by its name in `mujoco.batch`; None: missing."""
     if name.startswith("opt."):
         return np.array(getattr(model.opt, name[4:]))
@@ -202,16 +182,14 @@ class ModelCompiler:
         """
         import mujoco
 
-        adding = [t for t in terms if implements(t.effect, "edit_spec")]
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
-        joints = [tuple(p.get("suffix") for p in t.places) for t in adding]
-        each = zip(adding, joints, strict=True)
-        key = (
-            leaping,
-            touching,
-            *((t.effect.name, t.targets, added) for t, added in each),
-        )
+        adding = [
+            (t.effect, place)
+            for t in terms if isinstance(t.effect, JointAddition)
+            for place in t.places if isinstance(place, AddedJointPlace)
+        ]  # fmt: skip
+        key = (leaping, touching, *((e.name, p.added_name) for e, p in adding))
         if key not in self._compiled:
             variant = self._compiled[key] = self._compile(adding)
             for options in (variant.model.opt, variant.twin.opt):
@@ -221,16 +199,17 @@ class ModelCompiler:
                     options.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
         return self._compiled[key]
 
-    def _compile(self, adding: Sequence[Term]) -> ModelVariant:
-        """Compile the model with the joints of terms that edit its MjSpec."""
+    def _compile(
+        self, adding: Sequence[tuple[JointAddition, AddedJointPlace]]
+    ) -> ModelVariant:
+        """Compile the model with the joints of effects that edit its MjSpec."""
         import mujoco
 
         spec = read_spec(self.path)
         given = self.nominal
         _replace_visual_meshes(spec, given)
         # the last joint first: an added one shifts what follows it
-        sites = [(t.effect, place) for t in adding for place in t.places]
-        for effect, place in sorted(sites, key=lambda s: -s[1].get("joint", -1)):
+        for effect, place in sorted(adding, key=lambda each: -_find_joint(each[1])):
             effect.edit_spec(spec, place)
         _prepare_bodies(spec)
         spec.option.disableflags |= int(
@@ -251,10 +230,15 @@ class ModelCompiler:
             qpos[a : a + nq] = np.arange(b, b + nq)
             a, b = given.jnt_dofadr[old], model.jnt_dofadr[new]
             dof[a : a + nv] = np.arange(b, b + nv)
-        return ModelVariant(model, twin, dof, qpos, joint)
+        return ModelVariant(model=model, twin=twin, dof=dof, qpos=qpos, joint=joint)
 
 
-def _replace_visual_meshes(spec, given) -> None:
+def _find_joint(place: AddedJointPlace) -> int:
+    """Id of the joint behind which another one is added; -1: it is added to a body."""
+    return place.joint if isinstance(place, JointPlace) else -1
+
+
+def _replace_visual_meshes(spec: "mujoco.MjSpec", given: "mujoco.MjModel") -> None:
     """Put boxes in place of meshes that are only seen: each model copies all vertices.
 
     All geoms keep their ids.
@@ -269,7 +253,7 @@ def _replace_visual_meshes(spec, given) -> None:
     delete_unused_meshes(spec)
 
 
-def _become_box(geom, compiled, g: int) -> None:
+def _become_box(geom: "mujoco.MjsGeom", compiled: "mujoco.MjModel", g: int) -> None:
     """Make a mesh a box, where the g-th geom of a compiled model has it."""
     import mujoco
 
@@ -279,7 +263,7 @@ def _become_box(geom, compiled, g: int) -> None:
     geom.size = compiled.geom_size[g]
 
 
-def _compile_twin(spec, model):
+def _compile_twin(spec: "mujoco.MjSpec", model: "mujoco.MjModel") -> "mujoco.MjModel":
     """A model with boxes in place of meshes, whose copies are small.
 
     All that an effect may edit is as in the model.
@@ -305,13 +289,13 @@ def _compile_twin(spec, model):
     return twin
 
 
-def _match_joints(given, model) -> list[int]:
+def _match_joints(given: "mujoco.MjModel", model: "mujoco.MjModel") -> list[int]:
     """Ids in a new model of the given model's joints, in their order."""
     names = {given.joint(j).name for j in range(given.njnt)}
     return [j for j in range(model.njnt) if model.joint(j).name in names]
 
 
-def _prepare_bodies(spec) -> None:
+def _prepare_bodies(spec: "mujoco.MjSpec") -> None:
     """Make MuJoCo compute full inertias and carried weight, which effects change."""
     for body in spec.bodies[1:]:
         body.simple = 0

@@ -4,7 +4,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import implements
+from ..effects.protocols import JointForce
 from .batch import (
     BatchState,
     Hypotheses,
@@ -25,8 +25,6 @@ def simulate_batch(
     commands: Floats,
     sensors: SensorReader,
     sampled_steps: np.ndarray,
-    *,
-    step: float,
 ) -> Floats:
     """Simulate N = n W rollouts, of n hypotheses in W segments.
 
@@ -37,15 +35,14 @@ def simulate_batch(
         commands: (N, K, nu), as they reach the actuators at K steps.
         sensors: reads C columns of channels.
         sampled_steps: (S) those whose readings matter.
-        step: of the simulation [s].
 
     Returns:
         (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
         that diverged.
     """
-    if any(implements(t.effect, "apply_forces") for t in hypotheses.terms):
+    if any(isinstance(t.effect, JointForce) for t in hypotheses.terms):
         return run_stepwise(
-            hypotheses, segments, initial, commands, sensors, sampled_steps, step
+            hypotheses, segments, initial, commands, sensors, sampled_steps
         )
     return _run_rollout(hypotheses, initial, commands, sensors, sampled_steps)
 

@@ -9,9 +9,9 @@ from ...recording.actuator_laws import list_control_gains
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
-from ..effects.base import implements
+from ..effects.places import ControlsPlace
+from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
-from .cache import SimulationCache
 from .commands import compute_commands
 from .system import RecordedSystem
 
@@ -45,7 +45,6 @@ def find_sampled_steps(
 
 def sample_signals(
     system: RecordedSystem,
-    cache: SimulationCache,
     predicted: Floats,
     hypotheses: Hypotheses,
     segments: Segments,
@@ -58,7 +57,6 @@ def sample_signals(
 
     Args:
         system: that was simulated.
-        cache: of the system's commands.
         predicted: (n, W, K, C) true signals at each step [each channel's unit].
         hypotheses: n of them.
         segments: W of them, with M samples.
@@ -77,7 +75,7 @@ def sample_signals(
             value /= np.linalg.norm(value, axis=-1, keepdims=True)
         if c.kind == "joint_torque":
             _correct_torques(
-                system, cache, value[..., 0], c, hypotheses, segments, at, commands
+                system, value[..., 0], c, hypotheses, segments, at, commands
             )
         gain = change.get("gain", np.ones(1))[:, None, None]
         bias = change.get("bias", np.zeros((1, 1)))[:, None]
@@ -91,7 +89,6 @@ def sample_signals(
 
 def _correct_torques(
     system: RecordedSystem,
-    cache: SimulationCache,
     torque: Floats,
     channel: Channel,
     hypotheses: Hypotheses,
@@ -105,7 +102,6 @@ def _correct_torques(
 
     Args:
         system: that was simulated.
-        cache: of the system's commands.
         torque: (n, M) of the actuator [N m or N]; changed.
         channel: of the torque.
         hypotheses: n of them.
@@ -118,11 +114,16 @@ def _correct_torques(
     controls, out = find_controls(model, a), find_output(model, a)
     if model.actuator_dyntype[a] or model.actuator_delay[a]:
         return
-    changed = [t for t in hypotheses.terms if implements(t.effect, "transform_command")]
-    # a place without an actuator is of all of them
-    if any(place.get("actuator", a) == a for t in changed for place in t.places):
+    filtered = {
+        control
+        for term in hypotheses.terms
+        for place in term.places
+        if isinstance(place, ControlsPlace) and isinstance(term.effect, CommandFilter)
+        for control in place.controls
+    }
+    if not filtered.isdisjoint(controls):
         reaching = compute_commands(
-            system, cache, hypotheses, segments, centered=False, mean=False
+            system, hypotheses, segments, centered=False, mean=False
         ).reshape(commands.shape)
         sent = _interpolate(reaching[..., controls], segments, at)
     else:

@@ -28,9 +28,11 @@ def cut_replay_segments(simulator: Simulator) -> Segments:
 
 
 def square_errors(
-    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
-    *, centered: bool = False,
-) -> Floats:  # fmt: skip
+    simulator: Simulator,
+    segments: Segments,
+    terms: Sequence[Term],
+    values: Floats,
+) -> Floats:
     """Squared prediction errors of each sample and channel.
 
     Of an orientation's two signs, the one nearer to the reading counts.
@@ -40,13 +42,12 @@ def square_errors(
         segments: with M samples.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
-        centered: as `Simulator.simulate` has it.
 
     Returns:
         (M, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
         simulation diverged.
     """
-    predicted = simulator.simulate(terms, values[None], segments, centered=centered)[0]
+    predicted = simulator.simulate(terms, values[None], segments)[0]
     errors = predicted - segments.readings
     out = np.full((len(errors), len(simulator.channels)), np.nan)
     for s, c in enumerate(simulator.channels):
@@ -62,9 +63,11 @@ def square_errors(
 
 
 def sum_squared_errors(
-    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
-    *, centered: bool = False,
-) -> Floats:  # fmt: skip
+    simulator: Simulator,
+    segments: Segments,
+    terms: Sequence[Term],
+    values: Floats,
+) -> Floats:
     """Sum the squared prediction errors over each episode.
 
     Args:
@@ -72,13 +75,12 @@ def sum_squared_errors(
         segments: of the episodes.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
-        centered: as `Simulator.simulate` has it.
 
     Returns:
         (E, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
         simulation diverged.
     """
-    squares = square_errors(simulator, segments, terms, values, centered=centered)
+    squares = square_errors(simulator, segments, terms, values)
     episode = segments.episode[segments.segment_of_sample]
     out = np.full((len(simulator.episodes), squares.shape[1]), np.nan)
     for e in np.unique(episode):
@@ -89,9 +91,11 @@ def sum_squared_errors(
 
 
 def log_errors(
-    simulator: Simulator, segments: Segments, terms: Sequence[Term], values: Floats,
-    *, centered: bool = False,
-) -> Floats:  # fmt: skip
+    simulator: Simulator,
+    segments: Segments,
+    terms: Sequence[Term],
+    values: Floats,
+) -> Floats:
     """Logarithms of the errors of each segment, means over the channels.
 
     Minus the log predictive density per reading, of scales that nobody knows. What
@@ -102,7 +106,6 @@ def log_errors(
         segments: W of them.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
-        centered: as `Simulator.simulate` has it.
 
     Returns:
         (W) [nats] of root mean squares in standard deviations of each channel; infinite
@@ -110,7 +113,7 @@ def log_errors(
     """
     size = [(c.spread**2, np.nansum(c.noise**2) + TINY) for c in simulator.channels]
     spread, noise = np.array(size).T
-    squares = square_errors(simulator, segments, terms, values, centered=centered)
+    squares = square_errors(simulator, segments, terms, values)
     squares = ((squares + noise) / spread).T
     segment = segments.segment_of_sample
     total, count = (

@@ -1,7 +1,7 @@
 """Sensors: takes fields of a batch of simulations, gives the true signals."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,7 +9,11 @@ from ...recording import find_output
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..effects.base import Term
+from ..effects.places import AddedJointPlace, SecondJointPlace
 from .model_variants import ModelVariant
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 STAGE_VELOCITY, STAGE_ACCELERATION = 2, 3  # mjtStage
 CONTACTS_DISABLED = 1 << 4  # mjtDisableBit
@@ -72,7 +76,9 @@ class SensorReader:
         return out.reshape(*shape, self.width)
 
 
-def _find_sensor_rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
+def _find_sensor_rows(
+    model: "MjModel", sensors: Sequence[int], stage: int
+) -> np.ndarray:
     """Indices into sensordata of those sensors that need a stage of a step (mjtStage).
 
     None where the model delays sensors: these give what was some steps before.
@@ -84,16 +90,10 @@ def _find_sensor_rows(model, sensors: Sequence[int], stage: int) -> np.ndarray:
     return np.concatenate([np.zeros(0, int), *each])
 
 
-def make_second_joint_channels(
-    variant: ModelVariant, places: Sequence[Mapping[str, Any]]
-) -> list[Channel]:
-    """Make channels of the position and velocity of each place's added joint.
-
-    `places` are numbered as in the variant, `ModelVariant.map_place` gives them.
-    """
+def make_added_joint_channels(places: Sequence[AddedJointPlace]) -> list[Channel]:
+    """Make channels of the position and velocity of each place's added joint."""
     channels: list[Channel] = []
-    for place in places:
-        name = variant.model.joint(place["extra_jnt"]).name
+    for name in (place.added_name for place in places):
         for kind in ("joint_position", "joint_velocity"):
             first = len(channels)
             channels.append(
@@ -104,16 +104,15 @@ def make_second_joint_channels(
 
 def _find_link_joints(variant: ModelVariant, terms: Sequence[Term]) -> dict[str, int]:
     """Added joint's id by the name of each joint whose encoder is at the link."""
-    places = [variant.map_place(p) for t in terms for p in t.places if "suffix" in p]
     return {
-        variant.model.joint(p["joint"]).name: p["extra_jnt"]
-        for p in places
-        if p["side"] == "link"
+        variant.model.joint(place.joint).name: place.added_joint
+        for place in variant.list_added_joints(terms)
+        if isinstance(place, SecondJointPlace) and place.is_read_behind
     }
 
 
 def _make_reader(
-    model, c: Channel, link_joints: Mapping[str, int]
+    model: "MjModel", c: Channel, link_joints: Mapping[str, int]
 ) -> tuple[set[str], Callable]:
     """Fields that a channel needs, and what reads it (B, width) from them (B, ...)."""
     if c.kind in ("joint_position", "joint_velocity"):
@@ -129,7 +128,9 @@ def _make_reader(
     return _make_body_reader(model, c)
 
 
-def _make_joint_reader(model, c: Channel, link_joints: Mapping[str, int]) -> Callable:
+def _make_joint_reader(
+    model: "MjModel", c: Channel, link_joints: Mapping[str, int]
+) -> Callable:
     """What reads a joint: alone or, at the link, as the sum with the added joint."""
     joint = model.joint(c.target)
     field, address = (
@@ -142,7 +143,7 @@ def _make_joint_reader(model, c: Channel, link_joints: Mapping[str, int]) -> Cal
     return lambda b: b[field][:, [at]] + b[field][:, [extra]]
 
 
-def _make_body_reader(model, c: Channel) -> tuple[set[str], Callable]:
+def _make_body_reader(model: "MjModel", c: Channel) -> tuple[set[str], Callable]:
     """Fields that a body's channel needs, and what reads it from them.
 
     MuJoCo's cvel is (omega, v) in global axes, at the center of mass of the body's

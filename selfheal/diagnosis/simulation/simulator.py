@@ -10,7 +10,9 @@ from mujoco import MjData
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
-from ..effects.base import Term, implements
+from ..effects.base import Term
+from ..effects.places import SignalPlace
+from ..effects.protocols import SensorMap
 from .batch import Hypotheses, center_damping
 from .cache import SimulationCache, SimulationCounter
 from .checkpoint import Arrays, Checkpoint
@@ -21,7 +23,7 @@ from .rollout import simulate_batch
 from .sampling import find_sampled_steps, sample_signals
 from .sensors import SensorReader
 from .system import RecordedSystem
-from .warm_up import has_second_joint, warm_up_second_joints
+from .warm_up import has_added_joint, warm_up_added_joints
 
 # [steps] as much as one cannot say when in a step a command acts; chosen: half a step
 # of whoever simulates in quarters, a servo's bus is no better
@@ -38,14 +40,15 @@ class Simulator(RecordedSystem):
     where these hold for both.
 
     Attributes:
+        centered: whether commands, initial velocities and velocities read lie in time
+            as a leapfrog has them, rather than as a user of MuJoCo would.
         checkpoint: keeps the results of fits on disk.
         counter: of the segments simulated.
-        cache: keeps what no hypothesis changes.
     """
 
+    centered: bool = False
     checkpoint: Checkpoint = field(default_factory=Checkpoint, compare=False)
     counter: SimulationCounter = field(default_factory=SimulationCounter, compare=False)
-    cache: SimulationCache = field(default_factory=SimulationCache, compare=False)
 
     def simulate(
         self,
@@ -54,7 +57,6 @@ class Simulator(RecordedSystem):
         segments: Segments,
         *,
         initial_state_offset: Floats | None = None,
-        centered: bool = False,
     ) -> Floats:
         """Predict what the sensors would read.
 
@@ -75,8 +77,6 @@ class Simulator(RecordedSystem):
             initial_state_offset: (n, W, 2 nv) added to the initial states, positions
                 and then velocities in the given model's degrees of freedom [rad or m,
                 and per s].
-            centered: whether commands, initial velocities and velocities read lie in
-                time as a leapfrog has them, rather than as a user of MuJoCo would.
 
         Returns:
             (n, M, C) readings [each channel's unit]; NaN after a hypothesis diverged.
@@ -84,7 +84,7 @@ class Simulator(RecordedSystem):
         values = np.atleast_2d(values)
         if not any(t.onset for t in terms):
             return self._simulate_in_batches(
-                terms, values, segments, initial_state_offset, centered
+                terms, values, segments, initial_state_offset
             )
         is_active = self.find_active_terms(terms, segments)
         term_of_value = np.repeat(
@@ -100,7 +100,6 @@ class Simulator(RecordedSystem):
                 None
                 if initial_state_offset is None
                 else initial_state_offset[:, chosen],
-                centered,
             )
         return predicted
 
@@ -133,7 +132,6 @@ class Simulator(RecordedSystem):
         values: Floats,
         segments: Segments,
         initial_state_offset: Floats | None,
-        centered: bool,
     ) -> Floats:
         """Simulate terms without an onset, as many hypotheses at once as memory holds.
 
@@ -152,7 +150,6 @@ class Simulator(RecordedSystem):
                 values[some],
                 segments,
                 None if offset is None else offset[some],
-                centered,
             )
         return predicted
 
@@ -170,23 +167,21 @@ class Simulator(RecordedSystem):
         values: Floats,
         segments: Segments,
         initial_state_offset: Floats | None,
-        centered: bool,
     ) -> Floats:
         """Simulate all hypotheses at once; arguments and result as of `simulate`."""
         self.counter.add(len(values) * len(segments))
-        hypotheses = self.build_hypotheses(terms, values, centered)
-        initial = InitialStates(self, self.cache, hypotheses, segments).compute(
+        hypotheses = self.build_hypotheses(terms, values, self.centered)
+        initial = InitialStates(self, hypotheses, segments).compute(
             initial_state_offset
         )
-        if has_second_joint(terms):
-            warm_up_second_joints(self, self.cache, hypotheses, segments, initial)
+        if has_added_joint(terms):
+            warm_up_added_joints(self, hypotheses, segments, initial)
         commands = compute_commands(
             self,
-            self.cache,
             hypotheses,
             segments,
             centered=hypotheses.centered,
-            mean=centered,
+            mean=self.centered,
         )
         predicted = simulate_batch(
             hypotheses,
@@ -197,12 +192,10 @@ class Simulator(RecordedSystem):
             find_sampled_steps(
                 segments, hypotheses.reading_changes, step=self.timestep
             ),
-            step=self.timestep,
         )
         predicted = predicted.reshape(len(values), len(segments), *predicted.shape[1:])
         return sample_signals(
             self,
-            self.cache,
             predicted,
             hypotheses,
             segments,
@@ -217,7 +210,7 @@ class Simulator(RecordedSystem):
         Args:
             terms: effects that the given model lacks.
             values: (n, P) of all terms' parameters, a row a hypothesis.
-            centered: as `simulate` has it.
+            centered: as `Simulator` has it.
         """
         variant = self.compiler.compile_variant(
             terms, leaping=centered, touching=self.has_contact or not centered
@@ -254,6 +247,11 @@ class Simulator(RecordedSystem):
         return tuple(arrays)
 
     @cached_property
+    def leapfrog(self) -> "Simulator":
+        """This simulator whose steps are a leapfrog's (`simulate`)."""
+        return replace(self, centered=True)
+
+    @cached_property
     def with_half_step(self) -> "Simulator":
         """This simulator with steps of half the size, and without a checkpoint."""
         return replace(self._with_finer_steps(2), checkpoint=Checkpoint())
@@ -285,17 +283,16 @@ class Simulator(RecordedSystem):
         episodes = tuple(
             episode.with_late_commands(COMMAND_LATENESS) for episode in self.episodes
         )
-        return self._with_changes(episodes=episodes)
+        return replace(
+            self,
+            episodes=episodes,
+            checkpoint=Checkpoint(),
+            cache=SimulationCache(),
+        )
 
     def with_channels(self, channels: tuple[Channel, ...]) -> "Simulator":
         """This simulator with channels of other noise: other initial states follow."""
         return replace(self, channels=channels, cache=SimulationCache())
-
-    def _with_changes(self, **changes) -> "Simulator":
-        """This simulator with other fields, an empty cache and no checkpoint."""
-        return replace(
-            self, checkpoint=Checkpoint(), cache=SimulationCache(), **changes
-        )
 
 
 def collect_reading_changes(
@@ -316,10 +313,11 @@ def collect_reading_changes(
     """
     changes: dict[str, dict[str, Floats]] = {}
     for term, values in zip(terms, term_values, strict=True):
-        if implements(term.effect, "transform_reading"):
+        if isinstance(term.effect, SensorMap):
             for place in term.places:
+                assert isinstance(place, SignalPlace)  # by `SensorMap`
                 change = term.effect.transform_reading(place, values)
-                of_kind = (c.name for c in channels if c.kind == place.get("kind"))
-                for name in (place["signal"],) if "signal" in place else of_kind:
+                of_kind = [c.name for c in channels if c.kind == place.kind]
+                for name in [place.signal] if place.signal else of_kind:
                     changes.setdefault(name, {}).update(change)
     return changes

@@ -1,14 +1,15 @@
 """Rollouts step by step: takes effects that act at every step, gives true signals."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import mujoco
 import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Effect, StepState, implements
+from ..effects.places import Place
+from ..effects.protocols import JointForce, StepState
 from .batch import (
     BatchState,
     Hypotheses,
@@ -16,9 +17,13 @@ from .batch import (
     find_diverged,
     make_batch,
     restore_whole_steps,
+    set_commands,
     shift_velocity_back,
 )
 from .sensors import SensorReader
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
 
 UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none has it
 
@@ -26,8 +31,8 @@ UNLIMITED_FORCE = 1e9  # [N m or N] of an actuator without a limit; chosen: none
 class Action(NamedTuple):
     """An effect that acts at every step: where, and its values (N, p)."""
 
-    effect: Effect
-    place: Mapping[str, Any]
+    effect: JointForce
+    place: Place
     values: Floats
 
 
@@ -36,11 +41,11 @@ def list_actions(hypotheses: Hypotheses, count: int) -> list[Action]:
     return [
         Action(
             t.effect,
-            hypotheses.variant.map_place(place),
+            place.renumber(hypotheses.variant),
             np.repeat(values, count, axis=0),
         )
         for t, values in zip(hypotheses.terms, hypotheses.term_values, strict=True)
-        if implements(t.effect, "apply_forces")
+        if isinstance(t.effect, JointForce)
         for place in t.places
     ]
 
@@ -53,7 +58,6 @@ def run_stepwise(
     commands: Floats,
     sensors: SensorReader,
     sampled_steps: np.ndarray,
-    step: float,
 ) -> Floats:
     """Simulate with effects that act at every step, as `simulate_batch` does without.
 
@@ -64,13 +68,12 @@ def run_stepwise(
         commands: (N, K, nu), as they reach the actuators at K steps.
         sensors: reads C columns of channels.
         sampled_steps: (S) those whose readings matter.
-        step: of the simulation [s].
 
     Returns:
         (N, K, C) true signals at each step [each channel's unit]; NaN in a simulation
         that diverged.
     """
-    actions = list_actions(hypotheses, len(segments))
+    actions, step = list_actions(hypotheses, len(segments)), hypotheses.timestep
     begin = np.tile(segments.first_step * step, len(hypotheses.models))
     batch = make_batch(hypotheses, initial)
     forces = EffectForces(batch, actions, initial.integral_errors, step)
@@ -83,7 +86,7 @@ def run_stepwise(
 
 
 def _center_first_step(
-    batch,
+    batch: "Batch",
     forces: "EffectForces",
     commands: Floats,
     begin: Floats,
@@ -98,9 +101,7 @@ def _center_first_step(
         begin: (B) time at which each simulation begins in its episode [s].
         initial: these states.
     """
-    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
-    if ctrl is not None:
-        ctrl[:] = commands[:, 0]
+    ctrl = set_commands(batch, commands[:, 0])
     forces.apply(batch.bind("qpos"), batch.bind("qvel"), ctrl, begin)
     batch.step()
     shift_velocity_back(batch, initial)
@@ -108,7 +109,7 @@ def _center_first_step(
 
 
 def _run_steps(
-    batch,
+    batch: "Batch",
     forces: "EffectForces",
     commands: Floats,
     begin: Floats,
@@ -131,16 +132,15 @@ def _run_steps(
     """
     fields = sorted({"qpos", "qvel", *sensors.needs})
     bound = {name: batch.bind(name) for name in fields}
-    ctrl = batch.bind("ctrl") if commands.shape[-1] else None
     commands = commands.swapaxes(0, 1).copy()
+    ctrl = set_commands(batch, commands[0])
     recorded = {
         k: np.empty((len(commands), *v.shape), v.dtype) for k, v in bound.items()
     }
     before_step = ("qpos", "qvel")  # what a step leaves as after it
     after_step = [name for name in fields if name not in before_step]
     for k, command in enumerate(commands):
-        if ctrl is not None:
-            ctrl[:] = command
+        ctrl[:] = command
         for name in before_step:
             recorded[name][k] = bound[name]
         forces.apply(bound["qpos"], bound["qvel"], ctrl, begin + k * forces.timestep)
@@ -159,7 +159,7 @@ class EffectForces:
 
     def __init__(
         self,
-        batch,
+        batch: "Batch",
         actions: Sequence[Action],
         integral_errors: Mapping[int, Floats],
         timestep: float,
@@ -179,8 +179,10 @@ class EffectForces:
         self._torque, self._bias = batch.bind("qfrc_actuator"), batch.bind("qfrc_bias")
         self.frictionloss = batch.expand("dof_frictionloss")
         self._nominal_frictionloss = self.frictionloss.copy()
-        self._batch, self._law = batch, {}
-        if any(action.effect.reads_actuators for action in actions):
+        needs = {name for action in actions for name in action.effect.needs}
+        self._batch = batch
+        self._law: dict[str, Floats] = {}
+        if "actuator_length" in needs:
             fields = ("actuator_gainprm", "actuator_biasprm")
             gainprm, biasprm = (batch.expand(name) for name in fields)
             length = batch.bind("actuator_length")
@@ -188,7 +190,7 @@ class EffectForces:
                 "gainprm": gainprm, "biasprm": biasprm, "actuator_length": length
             }  # fmt: skip
         self._forcerange: Floats | None = None
-        if any(action.effect.writes_forcerange for action in actions):
+        if "forcerange" in needs:
             limited = batch.expand("actuator_forcelimited")
             self._forcerange = batch.expand("actuator_forcerange")
             unlimited = [-np.inf, np.inf]
@@ -200,13 +202,13 @@ class EffectForces:
         """Set the integrated errors to what they were as the simulations began."""
         self._errors = {a: e.copy() for a, e in self._initial_errors.items()}
 
-    def apply(self, qpos: Floats, qvel: Floats, ctrl, time: Floats) -> None:
+    def apply(self, qpos: Floats, qvel: Floats, ctrl: Floats, time: Floats) -> None:
         """Let every effect act on a state.
 
         Args:
             qpos: (B, nq).
             qvel: (B, nv).
-            ctrl: (B, nu) commands; None without actuators.
+            ctrl: (B, nu) commands.
             time: (B) in each episode [s].
         """
         self._applied[:] = 0

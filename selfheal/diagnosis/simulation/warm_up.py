@@ -7,86 +7,81 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Term
+from ..effects.places import AddedJointPlace, SecondJointPlace
+from ..effects.protocols import JointAddition
 from .batch import BatchState, Hypotheses
-from .cache import SimulationCache
 from .commands import compute_commands
 from .initial_states import InitialStates
 from .rollout import simulate_batch
-from .sensors import SensorReader, make_second_joint_channels
+from .sensors import SensorReader, make_added_joint_channels
 from .system import RecordedSystem
 
 # [s] simulated before a segment, in which a gap or a spring inside a gear settles;
 # chosen: several periods of any that shows at the link
-SECOND_JOINT_WARM_UP = 0.3
+ADDED_JOINT_WARM_UP = 0.3
 
 
-def has_second_joint(terms: Sequence[Term]) -> bool:
-    """Whether a term adds a joint between a motor and its link."""
-    return any("suffix" in place for t in terms for place in t.places)
+def has_added_joint(terms: Sequence[Term]) -> bool:
+    """Whether a term adds a joint."""
+    return any(isinstance(t.effect, JointAddition) for t in terms)
 
 
-def warm_up_second_joints(
+def warm_up_added_joints(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     initial: BatchState,
 ) -> None:
     """Change initial states of added joints to what a simulation before them gives.
 
-    The simulation begins `SECOND_JOINT_WARM_UP` before each segment that has so much of
+    The simulation begins `ADDED_JOINT_WARM_UP` before each segment that has so much of
     its episode before it. Where a sensor reads the sum of both joints, the first one
     moves the other way, so that the sum stays as it was read.
 
     Args:
         system: that is simulated.
-        cache: of the system's commands and initial states.
         hypotheses: n of them.
         segments: W of them.
         initial: states of the n W simulations; `qpos` and `qvel` are changed.
     """
-    steps = max(1, round(SECOND_JOINT_WARM_UP / system.timestep))
+    steps = max(1, round(ADDED_JOINT_WARM_UP / system.timestep))
     rows = np.flatnonzero(segments.first_step >= steps)
     if not len(rows):
         return
     n = len(hypotheses.models)
-    places = [
-        hypotheses.variant.map_place(place)
-        for t in hypotheses.terms
-        for place in t.places
-        if "suffix" in place
-    ]
-    settled = _simulate_before(system, cache, hypotheses, segments, rows, steps, places)
+    places = hypotheses.variant.list_added_joints(hypotheses.terms)
+    settled = _simulate_before(system, hypotheses, segments, rows, steps, places)
     q = initial.qpos.reshape(n, len(segments), -1)[:, rows]
     v = initial.qvel.reshape(n, len(segments), -1)[:, rows]
     for i, place in enumerate(places):
         is_known = np.isfinite(settled[:, :, i]).all(axis=-1)
-        for x, new, extra, own in (
-            (q, settled[:, :, i, 0], "extra_qpos", "qpos"),
-            (v, settled[:, :, i, 1], "extra_dof", "dof"),
+        own: tuple[int | None, int | None] = None, None
+        if isinstance(place, SecondJointPlace) and place.is_read_behind:
+            own = place.qpos, place.dof
+        for x, new, extra, first in (
+            (q, settled[:, :, i, 0], place.added_qpos, own[0]),
+            (v, settled[:, :, i, 1], place.added_dof, own[1]),
         ):
-            change = np.where(is_known, new - x[..., place[extra]], 0.0)
-            x[..., place[extra]] += change
-            if place["side"] == "link":
-                x[..., place[own]] -= change
+            change = np.where(is_known, new - x[..., extra], 0.0)
+            x[..., extra] += change
+            if first is not None:
+                x[..., first] -= change
     initial.qpos.reshape(n, len(segments), -1)[:, rows] = q
     initial.qvel.reshape(n, len(segments), -1)[:, rows] = v
 
 
 def _simulate_before(
     system: RecordedSystem,
-    cache: SimulationCache,
     hypotheses: Hypotheses,
     segments: Segments,
     rows: np.ndarray,
     steps: int,
-    places: Sequence,
+    places: Sequence[AddedJointPlace],
 ) -> Floats:
     """Position and velocity (n, w, P, 2) of P added joints where segments begin.
 
     Args:
         system: that is simulated.
-        cache: of the system's commands and initial states.
         hypotheses: n of them.
         segments: W of them.
         rows: (w) numbers of those to simulate up to.
@@ -104,20 +99,16 @@ def _simulate_before(
     predicted = simulate_batch(
         hypotheses,
         before,
-        InitialStates(system, cache, hypotheses, before).compute(None),
+        InitialStates(system, hypotheses, before).compute(None),
         compute_commands(
             system,
-            cache,
             hypotheses,
             before,
             centered=hypotheses.centered,
             mean=hypotheses.centered,
         ),
-        SensorReader(
-            hypotheses.variant, make_second_joint_channels(hypotheses.variant, places)
-        ),
+        SensorReader(hypotheses.variant, make_added_joint_channels(places)),
         np.zeros(0, int),
-        step=system.timestep,
     )
     shape = len(hypotheses.models), len(rows), len(places), 2
     return predicted[:, steps].reshape(shape)

@@ -8,7 +8,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from selfheal.diagnosis.data.base_motion import find_orientation, integrate_turns
-from selfheal.diagnosis.data.state_estimate import complete_state
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
@@ -86,7 +85,7 @@ def test_an_imu_and_the_legs_tell_how_the_base_moved(walk, tmp_path):
     recording, qpos, qvel = walk
     simulator = _simulator(tmp_path, recording)
     at = simulator.episodes[0].sample_steps
-    state = complete_state(simulator, 0, at, {})
+    state = simulator.complete_state(0, at)
     assert state.is_known.all()
     tilt = np.linalg.norm(_up(state.qpos[:, 3:7]) - _up(qpos[:, 3:7]), axis=1)
     assert np.sqrt(np.mean(tilt**2)) < 0.02
@@ -139,7 +138,7 @@ def test_an_orientation_that_was_read_is_kept(walk, tmp_path):
     more = replace(episode, signals=signals | {"pose": read})
     recording = replace(recording, episodes={"walk": more})
     simulator = _simulator(tmp_path, recording)
-    state = complete_state(simulator, 0, simulator.episodes[0].sample_steps, {})
+    state = simulator.complete_state(0, simulator.episodes[0].sample_steps)
     assert np.abs(_up(state.qpos[:, 3:7]) - _up(qpos[:, 3:7])).max() < 1e-3
     assert np.abs(state.qpos[:, 2] - qpos[:, 2]).mean() < 0.003
 
@@ -154,7 +153,7 @@ def test_an_imu_may_have_been_read_at_other_times(walk, tmp_path):
         signals[name] = replace(signals[name], values=values)
     less = replace(recording, episodes={"walk": replace(episode, signals=signals)})
     simulator = _simulator(tmp_path, less)
-    state = complete_state(simulator, 0, simulator.episodes[0].sample_steps, {})
+    state = simulator.complete_state(0, simulator.episodes[0].sample_steps)
     tilt = np.linalg.norm(_up(state.qpos[:, 3:7]) - _up(qpos[:, 3:7]), axis=1)
     assert state.is_known.all() and np.sqrt(np.mean(tilt**2)) < 0.02
 

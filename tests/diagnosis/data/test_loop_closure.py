@@ -8,7 +8,6 @@ import pytest
 
 from selfheal.diagnosis.data.loop_closure import LoopClosure
 from selfheal.diagnosis.data.settling import settle_unread_joints
-from selfheal.diagnosis.data.state_estimate import complete_state
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from tests.support.recorded_robots import ROBOTS, Robot, bench
 
@@ -83,7 +82,7 @@ def test_an_episode_whose_loops_tell_all_joints_is_cut(tmp_path):
     b = bench(ROBOT, tmp_path, episodes=2, seconds=2.0, states=False)
     segments = cut_readable_segments(b.simulator, 0.5)
     assert len(segments) == 8
-    state = complete_state(b.simulator, 0, segments.first_step[:4], {})
+    state = b.simulator.complete_state(0, segments.first_step[:4])
     data = mujoco.MjData(b.robot.model)
     for qpos in state.qpos:
         data.qpos[:] = qpos
@@ -109,7 +108,7 @@ def test_a_joint_that_nothing_reads_begins_where_its_servo_holds_it(tmp_path):
         ROBOTS["half_seen_arm"], command=lambda t, rng: np.full((t.size, 2), 0.4)
     )
     b = bench(robot, tmp_path, episodes=1, seconds=0.5, states=False)
-    state = complete_state(b.simulator, 0, np.array([0, 50]), {})
+    state = b.simulator.complete_state(0, np.array([0, 50]))
     assert 0.3 < state.qpos[0, 1] <= 0.4 + 0.1 and state.qpos[1, 1] == 0
     assert not state.is_known[:, 1].any()
 

@@ -9,8 +9,8 @@ import pytest
 
 from selfheal.diagnosis.data.episodes import build_channels, sample_episode
 from selfheal.diagnosis.data.local_polynomial import fit_polynomials
-from selfheal.diagnosis.data.state_estimate import estimate_initial_state
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
+from selfheal.diagnosis.simulation.system import RecordedSystem
 from selfheal.recording import Episode, Recording, Signal
 from tests.support.hinge_recordings import STEP, make_hinge_recording, sample_recording
 from tests.support.recorded_robots import ROBOTS, bench, record
@@ -27,13 +27,14 @@ def test_a_robot_released_at_its_first_sample_is_estimated_at_rest(rate):
         "<mujoco><worldbody><body><joint name='knee'/><geom size='1'/></body>"
         "</worldbody></mujoco>"
     )
-    simulator = SimpleNamespace(
-        episodes=[episode],
+    simulator = RecordedSystem(
+        episodes=(episode,),
         channels=found,
         timestep=STEP,
         compiler=SimpleNamespace(nominal=given),
     )
-    _, qvel, std = estimate_initial_state(simulator, 0, np.zeros(1, int), {})
+    state = simulator.complete_state(0, np.zeros(1, int))
+    qvel, std = state.qvel, state.std
     assert abs(qvel[0, 0]) < 4 * std[0, 1]
     if rate > 100:  # of its five samples in 50 ms none can be spared
         predicted = fit_polynomials(time, episode.readings).coefficients[0, 0, 1]
@@ -43,7 +44,8 @@ def test_a_robot_released_at_its_first_sample_is_estimated_at_rest(rate):
 def test_a_given_state_is_taken_as_it_is(tmp_path):
     b = bench("arm", tmp_path, episodes=1, seconds=0.5)
     (episode,) = b.recording.episodes.values()
-    qpos, qvel, std = estimate_initial_state(b.simulator, 0, np.array([0, 60]), {})
+    state = b.simulator.complete_state(0, np.array([0, 60]))
+    qpos, qvel, std = state.qpos, state.qvel, state.std
     np.testing.assert_array_equal(qpos[0], episode.qpos0)
     np.testing.assert_array_equal(qvel[0], episode.qvel0)
     assert std[0].max() <= 1e-6 < std[1].min()
@@ -57,7 +59,8 @@ def test_a_state_is_read_as_well_as_it_says(tmp_path):
     for i, name in enumerate(exact.episodes):
         signals = exact.episodes[name].signals
         at = np.arange(100, 400, 10)
-        qpos, qvel, std = estimate_initial_state(b.simulator, i, at, {})
+        state = b.simulator.complete_state(i, at)
+        qpos, std = state.qpos, state.std
         for j, joint in enumerate(("shoulder", "elbow")):
             true = signals[joint].values[at // 5]
             apart.append((qpos[:, j] - true) / std[:, j])
@@ -86,7 +89,8 @@ def test_segments_begin_where_the_state_is_read_though_readings_are_missing(
     simulator = replace(b.simulator, episodes=(lossy,))
     segments = cut_readable_segments(simulator, 0.1)
     assert len(segments) > 40
-    qpos, _, std = estimate_initial_state(simulator, 0, segments.first_step, {})
+    state = simulator.complete_state(0, segments.first_step)
+    qpos, std = state.qpos, state.std
     for j, joint in enumerate(("shoulder", "elbow")):
         at = np.arange(len(true.signals[joint].values)) * 5
         apart = qpos[:, j] - np.interp(
@@ -104,7 +108,8 @@ def test_the_state_of_a_free_body_is_read_from_its_pose(tmp_path):
         data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
         for _ in range(25):
             mujoco.mj_step(model, data)
-        qpos, qvel, _ = estimate_initial_state(b.simulator, i, np.array([25]), {})
+        state = b.simulator.complete_state(i, np.array([25]))
+        qpos, qvel = state.qpos, state.qvel
         sign = np.sign(qpos[0, 3:] @ data.qpos[3:])
         assert np.abs(qpos[0, :3] - data.qpos[:3]).max() < 1e-3
         assert np.abs(sign * qpos[0, 3:] - data.qpos[3:]).max() < 2e-3
@@ -120,7 +125,8 @@ def test_the_state_of_a_ball_joint_is_read_from_its_bodys_pose(tmp_path):
     data.qpos[:], data.qvel[:] = given.qpos0, given.qvel0
     for _ in range(100):
         mujoco.mj_step(b.robot.model, data)
-    qpos, qvel, _ = estimate_initial_state(b.simulator, 0, np.array([100]), {})
+    state = b.simulator.complete_state(0, np.array([100]))
+    qpos, qvel = state.qpos, state.qvel
     np.testing.assert_allclose(qpos[0], np.sign(qpos[0] @ data.qpos) * data.qpos,
                                atol=2e-3)  # fmt: skip
     np.testing.assert_allclose(qvel[0], data.qvel, atol=0.3)
@@ -136,12 +142,13 @@ def test_a_sensor_with_bias_gain_and_delay_is_read_through(tmp_path):
     signal = Signal(read, "joint_position", "hinge", "rad")
     episode = Episode(time, np.zeros((200, 1)), ("servo",), {"angle": signal})
     found = build_channels([Recording({"only": episode})])
-    simulator = SimpleNamespace(
+    simulator = RecordedSystem(
         compiler=b.simulator.compiler, channels=found, timestep=STEP,
         episodes=(sample_episode("only", episode, found, STEP),),
     )  # fmt: skip
     at = np.arange(50, 450, 20)
-    qpos, qvel, _ = estimate_initial_state(simulator, 0, at, {"angle": said})
+    state = simulator.complete_state(0, at, {"angle": said})
+    qpos, qvel = state.qpos, state.qvel
     np.testing.assert_allclose(qpos[:, 0], 0.3 * np.sin(4 * at * STEP), atol=1e-4)
     np.testing.assert_allclose(qvel[:, 0], 1.2 * np.cos(4 * at * STEP), atol=5e-3)
     assert np.abs(qpos[0, 0] - np.interp(at[0] * STEP, time, true)) < 1e-4
@@ -156,8 +163,7 @@ def test_autocorrelated_noise_makes_an_initial_state_less_certain(noiseless_arm)
             replace(c, noise=np.full(c.width, SIZE), ar1=np.full(c.width, memory))
             for c in noiseless_arm.simulator.channels
         )
-        return estimate_initial_state(
-            noiseless_arm.simulator.with_channels(signals), 0, np.array([200.0]), {}
-        )[2]
+        simulator = noiseless_arm.simulator.with_channels(signals)
+        return simulator.complete_state(0, np.array([200.0])).std
 
     assert (errors(0.8) > 1.2 * errors(0.0)).all()

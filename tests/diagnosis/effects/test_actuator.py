@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.effects.places import ActuatorPlace
 from tests.support.effect_robots import (
     make_effect_bench,
     make_pendulum,
@@ -45,9 +46,9 @@ def test_a_servo_that_had_settled_goes_on_holding_its_load(tmp_path):
 def test_a_servo_lets_go_as_soon_as_its_error_turns():
     """The sum is clipped as that of MuJoCo's pid: what exceeds it is forgotten."""
     ki, imax, step = 2.0, 0.5, 0.01
-    place, values = (
-        {"actuator": 0, "goal": 0, "qpos": 0, "dof": 0},
-        np.array([[ki, imax]]),
+    values = np.array([[ki, imax]])
+    place = ActuatorPlace(
+        actuator=0, controls=(0,), goal=0, gear=1.0, output=0, qpos=0, dof=0
     )
     sums = {0: np.zeros(1)}
 

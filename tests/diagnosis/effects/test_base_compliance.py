@@ -47,7 +47,7 @@ def test_inertia_is_that_of_all_that_rocks():
       <geom type="sphere" size="0.01" mass="2"/></body></body></worldbody></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
     for axis in ("x", "y"):
-        inertia = make_base_place(model, 1, axis)["inertia"]
+        inertia = make_base_place(model, 1, axis).inertia
         assert inertia == pytest.approx(2 * 0.5**2, rel=0.01)
 
 
@@ -55,8 +55,8 @@ def test_a_mount_that_gives_is_found_with_its_stiffness(standing):
     (_, term) = EFFECT.propose_terms(standing.robot)
     hidden = term.initial_values[0][0] * 1.7, term.initial_values[0][1]
     segments = cut_segments(standing.simulator.episodes, 150)
-    readings = standing.simulator.simulate(
-        (term,), np.array([hidden]), segments, centered=True
+    readings = standing.simulator.leapfrog.simulate(
+        (term,), np.array([hidden]), segments
     )[0]
     problem = Problem(
         standing.simulator, replace(segments, readings=readings), np.full(5, 1e-3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
+from selfheal.diagnosis.effects.commands import CommandGrid
 from tests.support.effect_robots import find_elbow_term, make_effect_bench, predict
 from tests.support.recorded_robots import ROBOTS
 
@@ -50,7 +51,9 @@ def test_commands_that_come_early_undo_late_ones(benches):
     (shift,) = find_effect("clock_shift").propose_terms(b.robot)
     grid = np.sin(np.arange(400) / 20)[None, :, None] * np.ones(2)
     late, early = (
-        shift.effect.transform_command(grid, 0.002, shift.places[0], np.array([[s]]))
+        shift.effect.transform_command(
+            grid, CommandGrid(0.002), shift.places[0], np.array([[s]])
+        )
         for s in (0.02, -0.02)
     )
     np.testing.assert_allclose(late[0, 20:], early[0, :-20], atol=1e-12)

@@ -75,7 +75,7 @@ def test_a_rate_limit_is_found_in_the_units_of_the_command(tmp_path):
     assert term.parameters[0].unit == "ctrl/s"
     segments = cut_segments(b.simulator.episodes, 150)
     hidden = np.array([[232.0]])
-    readings = b.simulator.simulate((term,), hidden, segments, centered=True)[0]
+    readings = b.simulator.leapfrog.simulate((term,), hidden, segments)[0]
     problem = Problem(
         b.simulator, replace(segments, readings=readings), np.full(1, 1e-3)
     )

@@ -7,7 +7,9 @@ import numpy as np
 
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import Effect, Term
+from selfheal.diagnosis.effects.by_target import WorldEffect
+from selfheal.diagnosis.effects.places import Place
+from selfheal.diagnosis.effects.protocols import ModelEdit
 from selfheal.diagnosis.estimation import marginalization
 from selfheal.diagnosis.estimation.jacobian import respond_to_initial_states
 from selfheal.diagnosis.estimation.marginalization import (
@@ -63,8 +65,8 @@ def test_after_impacts_initial_states_are_searched_where_they_are_likeliest(tmp_
     rng = np.random.default_rng(0)
     offset = build_initial_state_offsets(b.simulator, plain.segments)
     off = (offset.sum(axis=0) * rng.normal(size=offset.shape[1:]))[None]
-    predicted = b.simulator.simulate(
-        (), values[None], plain.segments, initial_state_offset=off, centered=True
+    predicted = b.simulator.leapfrog.simulate(
+        (), values[None], plain.segments, initial_state_offset=off
     )[0]
     noise = NOISE * rng.normal(size=predicted.shape)
     problem = replace(
@@ -150,8 +152,11 @@ def _pieces(b, steps: int) -> Problem:
     )
 
 
-class Reversal(Effect):
+class Reversal(WorldEffect, ModelEdit[Place]):
     name = "reversal"
+
+    def propose_terms(self, robot):
+        return [self.make_term("world", Place(), (), ((),))]
 
     def edit_model(self, model, place, values):
         model.opt.gravity[:] *= -1
@@ -162,7 +167,7 @@ def test_a_horizon_is_uninformative_where_errors_of_initial_states_grow(
 ):
     pole = bench("cart_pole", tmp_path, episodes=2, seconds=3.0, seed=3)
     short, long = (_pieces(pole, steps) for steps in (50, 300))
-    standing = [Term(Reversal(), ("world",), ({},), (), ((),))]  # the pole falls
+    standing = Reversal().propose_terms(pole.robot)  # the pole falls
     held = [_pieces(pendulum, steps) for steps in (300, 50)]
     assert is_horizon_informative(*held, (), np.zeros(0))
     assert is_horizon_informative(short, short, standing, np.zeros(0))

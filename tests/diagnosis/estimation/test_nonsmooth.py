@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.base import Effect, Term
+from selfheal.diagnosis.effects.base import Term
 from selfheal.diagnosis.effects.declaration import Parameter
+from selfheal.diagnosis.effects.places import Place
 from selfheal.diagnosis.estimation import nonsmooth
 from selfheal.diagnosis.estimation.least_squares import fit_parameters
 from selfheal.diagnosis.estimation.marginalization import marginalize_initial_states
@@ -43,7 +44,7 @@ def _rough(count: int, outlier: float = 0.0):
 @pytest.mark.parametrize("outlier", [0.0, 1000.0])
 def test_a_better_minimum_farther_off_is_found_by_most_segments(outlier):
     free = Parameter("x", "1", 0.0, 0.0, 5.0, 1.0)
-    term = Term(Effect(), ("world",), ({},), (free,), ())
+    term = Term(find_effect("wind"), ("world",), (Place(),), (free,), ())
     problem = _rough(9, outlier)
     (near,) = search_multiples(problem, (term,), np.array([0.7]))
     assert abs(near - 1.0) < 0.05

@@ -54,7 +54,7 @@ def search(
 ) -> dict[tuple[str, str], np.ndarray]:
     """The same, of a robot's recording that is there; as `run` runs the search."""
     motion = measure_motion(b.simulator, np.random.default_rng(0))
-    effects = [e for e in load_catalogue().values() if not e.rounds_readings]
+    effects = [e for n, e in load_catalogue().items() if n != "quantization"]
     candidates = [
         t for e in effects for t in e.propose_terms(b.robot) if can_be_linear(t)
     ]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects.declaration import Parameter
-from selfheal.diagnosis.effects.nominal import is_unidentified
+from selfheal.diagnosis.effects.nominal import NominalParameter, is_unidentified
 from selfheal.diagnosis.output.document import (
     build_refit,
     format_document,
@@ -28,9 +28,8 @@ def test_json_has_no_nan_and_no_numpy():
 
 def test_the_interval_of_a_negative_value_is_in_order():
     term = SimpleNamespace(
-        effect=SimpleNamespace(name="stated"), targets=("joint:a/springref",),
+        effect=NominalParameter(None, -2.0, "rad"), targets=("joint:a/springref",),
         parameters=(Parameter("x", "1", 1.0, 0.7, 1.3, 0.1),),
-        finding_fields={"value": -2.0, "unit": "rad"},
     )  # fmt: skip
     value = np.array([1.1])
     fit = SimpleNamespace(terms=(term,), values=value)

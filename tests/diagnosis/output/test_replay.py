@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.data.state_estimate import estimate_initial_state
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
@@ -146,7 +145,8 @@ def test_a_start_that_is_not_given_is_read_as_a_diagnosis_reads_it(
     simulator = build_simulator(ModelCompiler(str(out / "patched.xml")), [asked])
     episodes = {}
     for i, (key, episode) in enumerate(asked.episodes.items()):
-        q, v, _ = estimate_initial_state(simulator, i, np.zeros(1, int), {})
+        state = simulator.complete_state(i, np.zeros(1, int))
+        q, v = state.qpos, state.qvel
         episodes[key] = replace(episode, qpos0=q[0], qvel0=v[0])
     told = replay_recording(out, replace(asked, episodes=episodes))
     for key, episode in replay_recording(out, asked).episodes.items():

@@ -95,7 +95,7 @@ def test_a_changed_value_has_the_digits_of_its_interval(terms, wrong):
     assert restored[at] != 1
     each = zip(terms[:-1], restored[:-1], errors[:-1], strict=True)
     for term, value, error in (x for x in each if x[1] != 1):
-        given = term.finding_fields["value"]
+        given = term.effect.value
         text = f"{value * given:.12g}"
         assert float(text) == pytest.approx(value * given, rel=1e-11)
         last_digit = 10.0 ** -len(text.partition(".")[2])

@@ -21,6 +21,6 @@ def test_an_integrators_state_goes_on_where_a_segment_begins(states, tmp_path):
     how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
     b = bench(robot, tmp_path, states=states, **how)
     segments = cut_readable_segments(b.simulator, 0.5)
-    predicted = b.simulator.simulate([], np.zeros((1, 0)), segments, centered=False)[0]
+    predicted = b.simulator.simulate([], np.zeros((1, 0)), segments)[0]
     assert np.ptp(segments.readings) > 0.3
     np.testing.assert_allclose(predicted, segments.readings, atol=5e-3)

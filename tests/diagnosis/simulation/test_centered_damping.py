@@ -52,7 +52,7 @@ def test_velocities_read_as_commands_change_are_of_second_order(tmp_path):
     predicted = []
     for _ in range(5):
         none = np.zeros((1, 0))
-        predicted.append(simulator.simulate((), none, segments, centered=True)[0])
+        predicted.append(simulator.leapfrog.simulate((), none, segments)[0])
         simulator = simulator.with_half_step
         segments = segments.with_finer_steps(2)
     coarse, fine = (

@@ -45,7 +45,7 @@ def test_larger_steps_change_less_than_the_noise(simulator):
     coarse = noisy.coarsen(count)
     segments = cut_readable_segments(coarse, 0.5)
     predicted = [
-        s.simulate((), np.zeros((1, 0)), w, centered=True)[0]
+        s.leapfrog.simulate((), np.zeros((1, 0)), w)[0]
         for s, w in ((coarse, segments), (noisy, segments.with_finer_steps(count)))
     ]
     change = np.sqrt(np.mean((predicted[0] - predicted[1]) ** 2, axis=0))

@@ -27,9 +27,7 @@ def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
     predicted = []
     for simulator in worlds:
         segments = cut_segments(simulator.episodes, None)
-        predicted.append(
-            simulator.simulate(terms, values[None], segments, centered=True)[0]
-        )
+        predicted.append(simulator.leapfrog.simulate(terms, values[None], segments)[0])
     coarse, fine = (
         np.abs(a - b).max(axis=0)
         for a, b in zip(predicted, predicted[1:], strict=False)
@@ -56,6 +54,6 @@ def test_torques_are_read_of_the_command_that_holds_then(tmp_path):
     q = next(i.first_column for i in simulator.channels if i.name == "elbow")
     for own in (simulator, simulator.with_half_step):
         segments = cut_segments(own.episodes, None)
-        predicted = own.simulate((), np.zeros((1, 0)), segments, centered=True)[0]
+        predicted = own.leapfrog.simulate((), np.zeros((1, 0)), segments)[0]
         servo = gain * (ctrl[:, a] - predicted[:, q])
         np.testing.assert_allclose(predicted[:, c.first_column], servo, atol=1e-9)

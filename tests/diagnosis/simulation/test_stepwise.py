@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.effects.base import implements
+from selfheal.diagnosis.effects.protocols import JointForce
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from tests.support.effect_robots import EffectBench, pick_terms, present_values
 
-STEPWISE = [
-    name for name, e in load_catalogue().items() if implements(e, "apply_forces")
-]
+STEPWISE = [name for name, e in load_catalogue().items() if isinstance(e, JointForce)]
 
 
 @pytest.fixture

@@ -1,11 +1,21 @@
 """Gravity compensation by a robot's controller: one value for all that it carries."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ....recording.data import Floats
+from ...data.robot_summary import RobotSummary
+from ..base import Term
 from ..by_target import WorldEffect
-from ..declaration import ParameterSpec
+from ..declaration import UNUSUAL, USUAL, ParameterSpec
 from ..places import Place
+from ..protocols import ModelEdit
+
+if TYPE_CHECKING:
+    from mujoco import MjData, MjModel
 
 FREE = 0  # mjtJoint
 WEIGHT_POSES = 8  # in which torques of weight are looked for; chosen
@@ -17,7 +27,18 @@ MIN_USUAL_BODIES = 3  # of a robot whose controller often carries them; chosen
 MIN_CHANGE = 0.15  # [1] below which masses may be wrong as well; chosen
 
 
-class GravityCompensation(WorldEffect):
+@dataclass(frozen=True, kw_only=True)
+class BodiesPlace(Place):
+    """What a controller carries.
+
+    Attributes:
+        bodies: their ids.
+    """
+
+    bodies: tuple[int, ...]
+
+
+class GravityCompensation(WorldEffect, ModelEdit[BodiesPlace]):
     """One value for the bodies that hang on the joints of a fixed base.
 
     Where bodies state several values, those with the value that most of the mass has
@@ -32,37 +53,39 @@ class GravityCompensation(WorldEffect):
     separate_by = "hold several poses and compare each joint's angle with its command"
     phrase = "the controller carries {gravcomp} of the robot's weight, {other}"
     parameters = (ParameterSpec("gravcomp", "1", nonnegative=True, is_in_model=True),)
-    is_common = True
 
-    def propose_terms(self, robot):
-        """One term of a robot whose motors bear all of its weight, on a fixed base."""
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
+        """One term of a robot whose motors bear all of its weight, on a fixed base.
+
+        Usual of many bodies: of few, masses and rotors a little off do as much.
+        """
         model = robot.model
-        place = self._make_place(model)
-        if not place["bodies"] or not _bear_motors_all(model, place["bodies"]):
+        bodies = find_compensated_bodies(model)
+        if not bodies or not _bear_motors_all(model, bodies):
             return []
-        now = float(model.body_gravcomp[place["bodies"][0]])
-        parameter = self.make_parameter(
+        now = float(model.body_gravcomp[bodies[0]])
+        parameter = self.bound(
             "gravcomp", nominal=now, low=0.0, high=MAX_GRAVCOMP, scale=0.3,
             resolution=MIN_CHANGE,
         )  # fmt: skip
-        return [self.make_term((parameter,), ((1.0 if now < 0.5 else 0.0,),), place)]
+        return [
+            self.make_term(
+                "world",
+                BodiesPlace(bodies=bodies),
+                (parameter,),
+                ((1.0 if now < 0.5 else 0.0,),),
+                USUAL if len(bodies) >= MIN_USUAL_BODIES else UNUSUAL,
+            )
+        ]
 
-    def find_place(self, model, finding) -> Place:
-        return self._make_place(model)
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return BodiesPlace(bodies=find_compensated_bodies(model))
 
-    @staticmethod
-    def _make_place(model) -> Place:
-        return {"bodies": find_compensated_bodies(model)}
-
-    def is_usual(self, term):
-        """Of few bodies, masses and rotors that are a little off do as much."""
-        return len(term.places[0]["bodies"]) >= MIN_USUAL_BODIES
-
-    def edit_model(self, model, place, values):
-        model.body_gravcomp[list(place["bodies"])] = values[0]
+    def edit_model(self, model: "MjModel", place: BodiesPlace, values: Floats) -> None:
+        model.body_gravcomp[list(place.bodies)] = values[0]
 
 
-def find_compensated_bodies(model) -> tuple[int, ...]:
+def find_compensated_bodies(model: "MjModel") -> tuple[int, ...]:
     """Ids of the bodies with mass on the joints of a fixed base, of one `gravcomp`."""
     floats = model.jnt_bodyid[model.jnt_type == FREE]
     carried = (model.body_weldid != 0) & (model.body_mass > 0)
@@ -75,7 +98,7 @@ def find_compensated_bodies(model) -> tuple[int, ...]:
     return tuple(bodies[values == max(masses, key=masses.__getitem__)].tolist())
 
 
-def _bear_motors_all(model, bodies: tuple[int, ...]) -> bool:
+def _bear_motors_all(model: "MjModel", bodies: tuple[int, ...]) -> bool:
     """Whether these bodies have weight, and motors bear it at every joint.
 
     Of a closed loop, some motor is enough: the loop passes its torque on.
@@ -102,7 +125,7 @@ def _bear_motors_all(model, bodies: tuple[int, ...]) -> bool:
     return bool(borne.any() and (driven[borne].all() or is_loop))
 
 
-def dense_moments(model, data) -> Floats:
+def dense_moments(model: "MjModel", data: "MjData") -> Floats:
     """Moment arms of all actuators' outputs, one row each of (nv) columns.
 
     Args:

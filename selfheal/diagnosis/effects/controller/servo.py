@@ -1,6 +1,8 @@
 """What a servo does with its command: it sums its error, leads its goal, or waits."""
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +14,22 @@ from ....recording.actuator_laws import (
     is_pid,
 )
 from ....recording.data import Floats
+from ...data.robot_summary import Actuator, RobotSummary
 from ..base import Term
 from ..by_target import ActuatorEffect
-from ..commands import SAME_INSTANT_STEPS, change_columns
-from ..declaration import FindingField, ParameterSpec
-from ..places import Place, add_keys
-from ..terms import extend_places
+from ..commands import SAME_INSTANT_STEPS, CommandGrid, change_columns
+from ..declaration import (
+    SELDOM,
+    FindingField,
+    Parameters,
+    ParameterSpec,
+    Starts,
+)
+from ..places import ActuatorPlace, Place
+from ..protocols import CommandFilter, JointForce, StepState
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # [s] over which a servo takes the slope of its goal; chosen: a sample of commands at
 # 50 Hz, which a grid of steps repeats
@@ -28,7 +40,7 @@ INTEGRAL_GAIN_RESOLUTION = 0.3
 SETTLED = "settled"
 
 
-class VelocityFeedforward(ActuatorEffect):
+class VelocityFeedforward(ActuatorEffect, CommandFilter[ActuatorPlace]):
     name = "velocity_feedforward"
     description = "The servo adds a torque in proportion to the speed of its goal."
     equation = "tau = kp (ctrl + lead d ctrl/dt - q) - kv v"
@@ -37,28 +49,26 @@ class VelocityFeedforward(ActuatorEffect):
     phrase = "{at} feeds the speed of its goal forward, {lead} of it"
     parameters = (ParameterSpec("lead", "s", nominal=0.0, nonnegative=True),)
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         least = SAME_INSTANT_STEPS * robot.timestep
-        return (
-            self.make_parameter(
-                "lead", low=0.0, high=0.5, scale=0.01, resolution=least
-            ),
-        )
+        return (self.bound("lead", low=0.0, high=0.5, scale=0.01, resolution=least),)
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         """That which undoes the servo's own damping."""
         stiffness, damping = -robot.model.actuator_biasprm[actuator.id, 1:3]
         return ((float(damping / stiffness) or 0.02,),)
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         model, a = robot.model, actuator.id
         is_position = find_goal(model, a) >= 0 and has_affine_force(model, a)
         same = sum(other.dof == actuator.dof for other in robot.actuators)
         return is_position and (actuator.dof < 0 or same == 1)
 
-    def transform_command(self, ctrl, step, place, values):
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
+    ) -> Floats:
         return change_columns(
-            ctrl, [place["goal"]], lambda u: u + values * _slope(u, step)
+            ctrl, [place.goal], lambda u: u + values * _slope(u, grid.step)
         )
 
 
@@ -70,7 +80,7 @@ def _slope(u: Floats, step: float) -> Floats:
     return slope
 
 
-class DeadBand(ActuatorEffect):
+class DeadBand(ActuatorEffect, JointForce[ActuatorPlace]):
     """A dead zone of what a servo's error, or a motor's command, asks for."""
 
     name = "dead_band"
@@ -80,21 +90,17 @@ class DeadBand(ActuatorEffect):
     separate_by = "command small steps about a pose without load"
     phrase = "{at} does nothing below {width} of what it is asked for"
     parameters = (ParameterSpec("width", "N m", nominal=0.0, nonnegative=True),)
-    rarity = 1
-    reads_actuators = True
+    log_odds = SELDOM
+    needs = frozenset({"gainprm", "biasprm", "actuator_length"})
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         most = actuator.max_force
-        return (
-            self.make_parameter(
-                "width", actuator, low=0.0, high=most, scale=0.1 * most
-            ),
-        )
+        return (self.bound("width", actuator, low=0.0, high=most, scale=0.1 * most),)
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         return tuple((share * actuator.max_force,) for share in (0.03, 0.15))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         model, a = robot.model, actuator.id
         is_motor = not model.actuator_biasprm[a, :3].any()
         asked = is_motor or find_goal(model, a) >= 0
@@ -106,27 +112,32 @@ class DeadBand(ActuatorEffect):
             and model.actuator_gainprm[a, 0]
         )
 
-    def find_place(self, model, finding):
-        return _add_output(model, super().find_place(model, finding))
-
-    def make_place(self, robot, actuator):
-        return _add_output(robot.model, super().make_place(robot, actuator))
-
-    def apply_forces(self, state, place, values):
-        a, (control,) = place["actuator"], place["controls"]
+    def apply_forces(
+        self, state: StepState, place: ActuatorPlace, values: Floats
+    ) -> None:
+        assert state.gainprm is not None and state.biasprm is not None  # by `needs`
+        assert state.actuator_length is not None
+        a, (control,) = place.actuator, place.controls
         gain, bias = state.gainprm[:, a, 0], state.biasprm[:, a]
-        length = state.actuator_length[:, place["output"]]
+        length = state.actuator_length[:, place.output]
         asked = gain * state.ctrl[:, control] + bias[:, 0] + bias[:, 1] * length
-        width = values[:, 0] / abs(place["gear"])
+        width = values[:, 0] / abs(place.gear)
         state.ctrl[:, control] -= np.clip(asked, -width, width) / gain
 
 
-def _add_output(model, place: Place) -> Place:
-    """The place of an actuator with the index of its output."""
-    return add_keys(place, output=find_output(model, place["actuator"]))
+@dataclass(frozen=True, kw_only=True)
+class IntegratorPlace(ActuatorPlace):
+    """A servo that integrates its error.
+
+    Attributes:
+        begins: "settled" where the integral begins at what the first moments ask for;
+            None: at 0.
+    """
+
+    begins: str | None = None
 
 
-class IntegralAction(ActuatorEffect):
+class IntegralAction(ActuatorEffect, JointForce[ActuatorPlace]):
     name = "integral_action"
     description = (
         "The servo sums up its error and pushes until it is gone; the sum begins at 0, "
@@ -148,20 +159,18 @@ class IntegralAction(ActuatorEffect):
             note=": its sum had settled before each recording began.",
         ),
     )
-    restates_nominal = True
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """Two terms at each servo: its sum begun at 0, or long before the recording."""
         found = super().propose_terms(robot)
         return [*found, *map(_begin_settled, found)]
 
-    def make_parameters(self, robot, actuator):
+    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
         kp, _ = get_servo_gains(robot.model, actuator.id)
         most = actuator.max_force
-        make = self.make_parameter
         return (
-            make("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
-            make(
+            self.bound("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
+            self.bound(
                 "imax",
                 actuator,
                 nominal=most,
@@ -171,27 +180,36 @@ class IntegralAction(ActuatorEffect):
             ),
         )
 
-    def make_initial_values(self, robot, actuator):
+    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
         kp, _ = get_servo_gains(robot.model, actuator.id)
         most = actuator.max_force
         # the last one is often at its limit: from a limit that is never met no slope
         # of the error leads there
         return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
 
-    def applies_to(self, robot, actuator):
+    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
         # the sum of the readings is in the joint's unit, as the error without a gear
         model, a = robot.model, actuator.id
         ungeared = model.actuator_gear[find_output(model, a), 0] == 1
         has_own = is_pid(model, a) and model.actuator_gainprm[a, 0] > 0
         return actuator.servo and actuator.measured and ungeared and not has_own
 
-    def apply_forces(self, state, place, values):
+    def make_place(self, robot: RobotSummary, actuator: Actuator) -> IntegratorPlace:
+        return super().make_place(robot, actuator).extend(IntegratorPlace)
+
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        place = super().find_place(model, finding)
+        return place.extend(IntegratorPlace, begins=finding.get("begins"))
+
+    def apply_forces(
+        self, state: StepState, place: ActuatorPlace, values: Floats
+    ) -> None:
         # the sum since the episode began is that of the measured error up to the
         # segment's start, and of the simulated one from there
-        error = state.ctrl[:, place["goal"]] - state.qpos[:, place["qpos"]]
-        total = state.integral_errors[place["actuator"]]
+        error = state.ctrl[:, place.goal] - state.qpos[:, place.qpos]
+        total = state.integral_errors[place.actuator]
         most = self.max_integral(values)
-        state.applied_force[:, place["dof"]] += values[:, 0] * total
+        state.applied_force[:, place.dof] += values[:, 0] * total
         total[:] = np.clip(total + error * state.timestep, -most, most)
 
     @staticmethod
@@ -205,7 +223,8 @@ def _begin_settled(term: Term) -> Term:
     """The term with a sum that begins at what the servo bears; a slow one is faint."""
     ki, most = term.parameters
     parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
-    begins = {"begins": SETTLED}
+    (place,) = term.places
+    assert isinstance(place, IntegratorPlace)  # by `make_place`
     return replace(
-        extend_places(term, **begins), parameters=parameters, finding_fields=begins
+        term, places=(replace(place, begins=SETTLED),), parameters=parameters
     )

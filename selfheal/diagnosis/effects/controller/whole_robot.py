@@ -1,18 +1,33 @@
 """One value for all motors of a robot: a shift of clocks, a torque constant."""
 
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
 import numpy as np
 
 from ....recording.actuator_laws import has_affine_force
+from ....recording.data import Floats
+from ...data.robot_summary import RobotSummary
+from ..base import Term
 from ..by_target import WorldEffect
-from ..commands import SAME_INSTANT_STEPS, change_columns, delay_column
-from ..declaration import ParameterSpec
-from ..places import Place
+from ..commands import (
+    MAX_LOOK_AHEAD,
+    SAME_INSTANT_STEPS,
+    CommandGrid,
+    change_columns,
+    delay_column,
+)
+from ..declaration import SELDOM, ParameterSpec
+from ..places import ControlsPlace, Place, SignalPlace
+from ..protocols import CommandFilter, ModelEdit, SensorMap
 
-MAX_SHIFT = 0.3  # [s]; chosen: as long as the longest delay of one command
+if TYPE_CHECKING:
+    from mujoco import MjModel
+
 TORQUE_SIGNAL = "joint_torque"  # kind of what a motor's current is reported as
 
 
-class ClockShift(WorldEffect):
+class ClockShift(WorldEffect, CommandFilter[ControlsPlace]):
     """One delay of all commands against all readings, of either sign."""
 
     name = "clock_shift"
@@ -26,35 +41,33 @@ class ClockShift(WorldEffect):
     separate_by = "log a command that is read back on the same bus"
     phrase = "commands act {shift} late against the readings, at all actuators alike"
     parameters = (ParameterSpec("shift", "s", nominal=0.0),)
-    looks_ahead = MAX_SHIFT
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term of a robot with several actuators; of one it is a late command."""
-        place = self._make_place(robot.model)
-        if robot.model.nactuator < 2 or not place["controls"]:
+        place = ControlsPlace(controls=tuple(range(robot.model.nu)))
+        if robot.model.nactuator < 2 or not place.controls:
             return []
         least = SAME_INSTANT_STEPS * robot.timestep
-        parameter = self.make_parameter(
-            "shift", low=-MAX_SHIFT, high=MAX_SHIFT, scale=0.01,
-            resolution=max(robot.contact_timing_error, least),
+        least = max(robot.contact_timing_error, least)
+        parameter = self.bound(
+            "shift", low=-MAX_LOOK_AHEAD, high=MAX_LOOK_AHEAD, scale=0.01,
+            resolution=least,
         )  # fmt: skip
         starts = ((0.005,), (0.02,), (0.06,), (-0.02,))
-        return [self.make_term((parameter,), starts, place)]
+        return [self.make_term("world", place, (parameter,), starts)]
 
-    def find_place(self, model, finding) -> Place:
-        return self._make_place(model)
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return ControlsPlace(controls=tuple(range(model.nu)))
 
-    @staticmethod
-    def _make_place(model) -> Place:
-        return {"controls": tuple(range(model.nu))}
-
-    def transform_command(self, ctrl, step, place, values):
+    def transform_command(
+        self, ctrl: Floats, grid: CommandGrid, place: ControlsPlace, values: Floats
+    ) -> Floats:
         return change_columns(
-            ctrl, place["controls"], lambda u: delay_column(u, values / step)
+            ctrl, place.controls, lambda u: delay_column(u, values / grid.step)
         )
 
 
-class TorqueConstant(WorldEffect):
+class TorqueConstant(WorldEffect, ModelEdit[SignalPlace], SensorMap[SignalPlace]):
     """One gain of all motors, of which their reported torques know nothing.
 
     A drive reports the torque that it commands: its current times the constant that it
@@ -71,28 +84,31 @@ class TorqueConstant(WorldEffect):
     separate_by = "hold a known weight and compare the torque that is reported"
     phrase = "all motors give {gain} times the torque that the model says"
     parameters = (ParameterSpec("gain", "1", nominal=1.0, nonnegative=True),)
-    rarity = 1
+    log_odds = SELDOM
 
-    def propose_terms(self, robot):
+    def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term, where motors share their constant or report their torque."""
-        model, place = robot.model, self.find_place(robot.model, {})
+        model = robot.model
         reported = any(c.kind == TORQUE_SIGNAL for c in robot.channels)
         affine = [has_affine_force(model, a) for a in range(model.nactuator)]
         if not (affine and all(affine) and (len(affine) > 1 or reported)):
             return []
-        parameter = self.make_parameter("gain", low=0.1, high=10.0, scale=0.2)
-        return [self.make_term((parameter,), ((0.7,), (1.4,)), place)]
+        parameter = self.bound("gain", low=0.1, high=10.0, scale=0.2)
+        place, starts = SignalPlace(kind=TORQUE_SIGNAL), ((0.7,), (1.4,))
+        return [self.make_term("world", place, (parameter,), starts)]
 
-    def find_place(self, model, finding) -> Place:
-        return {"kind": TORQUE_SIGNAL}
+    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+        return SignalPlace(kind=TORQUE_SIGNAL)
 
-    def edit_model(self, model, place, values):
-        if place.get("there"):
+    def edit_model(self, model: "MjModel", place: SignalPlace, values: Floats) -> None:
+        if place.is_patched:
             return  # a patched model's motors have it
         model.actuator_gainprm[:, :3] *= values[0]
         model.actuator_biasprm[:, :3] *= values[0]
         limited = model.actuator_forcelimited > 0
         model.actuator_forcerange[limited] *= values[0]
 
-    def transform_reading(self, place, values):
+    def transform_reading(
+        self, place: SignalPlace, values: Floats
+    ) -> Mapping[str, Floats]:
         return {"gain": 1 / np.maximum(values[:, 0], 1e-9)}
