@@ -13,6 +13,8 @@ import numpy as np
 
 from ._hull import JIT, find_nearest_on_hull
 from ._sense import compute_swing, pose_body, sense
+from .channels import MAX_CLEARANCE
+from .losses import compute_loss
 
 _CONTACT_TOLERANCE = 1e-5  # [m] points within this of the floor are contacts; chosen
 _MOST_TIPS = 60  # at most this many tips a sub-step; chosen (2 on average)
@@ -161,7 +163,7 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex, turns)
 
 @numba.njit(**JIT)
 def _fill_contact_spheres(known, radius, thickness, points, radii):
-    """Fill in the torso's corners and the radius of every contact sphere."""
+    """Fill in the torso's corners and all contact spheres' radii; returns how many."""
     torso_half, block_mass = known[0], known[4]
     for corner in range(8):
         points[0, corner] = torso_half[0] * (1 if corner & 1 else -1)
@@ -175,6 +177,7 @@ def _fill_contact_spheres(known, radius, thickness, points, radii):
         if block_mass[i] > 0.0:
             radii[k : k + 8] = 0.0
             k += 8
+    return k
 
 
 @numba.njit(**JIT)
@@ -262,9 +265,34 @@ def settle_batch(
 
 
 @numba.njit(**JIT)
+def _turn_as_felt(felt, channels, n):
+    """Turn up, n, to where the torso's tilts say it is; returns whether they do.
+
+    A belly that is near the floor is above it; without a clearance up keeps its half.
+    """
+    code, _, axis = channels
+    found = 0
+    for c in range(code.shape[0]):
+        if code[c] == 0 and not np.isnan(felt[c]):
+            along = np.sin(np.radians(felt[c]))
+            if axis[c]:
+                n[0] = along
+            else:
+                n[1] = -along
+            found += 1
+        elif code[c] == 1 and not np.isnan(felt[c]):
+            n[2] = 1.0 if felt[c] < 500.0 * MAX_CLEARANCE else -1.0
+    flat = n[0] ** 2 + n[1] ** 2
+    if flat > 1.0:
+        n[0], n[1], flat = n[0] / np.sqrt(flat), n[1] / np.sqrt(flat), 1.0
+    n[2] = np.sqrt(1.0 - flat) if n[2] > 0.0 else -np.sqrt(1.0 - flat)
+    return found == 2
+
+
+@numba.njit(**JIT)
 def race_batch(
     parent, anchor, mount, axis, length, thickness, mass, known, radius,
-    targets, felt, weight, cap, order, bound, steps, channels, each,
+    targets, felt, weight, cap, other_rest, order, bound, steps, channels, each,
 ):  # fmt: skip
     """Settle each body under one action after the other until its loss is too high.
 
@@ -282,6 +310,8 @@ def race_batch(
         felt: (n, C) channels measured; NaN = unknown.
         weight: (C) of the loss sum_c weight_c min(|gap_c|, cap_c).
         cap: (C) of the same.
+        other_rest: (N) loss of a pose that the body rests in, too, though it comes to
+            another; what it misses there is added.
         order: (N, n) of the actions, first to last to be tried.
         bound: (N, n) a body is given up once its loss reaches this before the first,
             second, ... action in its order.
@@ -291,8 +321,8 @@ def race_batch(
             infinite where the simulation failed.
     """
     radii, work = _allocate_scratch(targets.shape[1])
-    points, n, seen = work[0], work[8], np.empty(felt.shape[1])
-    posed = work[2], work[3], n
+    points, com, frames, spots, heights, touching, flat, simplex, n, turns = work
+    posed, seen = (frames, spots, n), np.empty(felt.shape[1])
     count, p = targets.shape
     swing = np.empty((count, max(steps, 1), p, 2))
     for k in range(count):
@@ -302,7 +332,7 @@ def race_batch(
             parent[row], anchor[row], mount[row], axis[row], length[row],
             thickness[row], mass[row],
         )  # fmt: skip
-        _fill_contact_spheres(known, radius, thickness[row], points, radii)
+        m = _fill_contact_spheres(known, radius, thickness[row], points, radii)
         total = 0.0
         for k in range(targets.shape[0]):
             each[row, k] = np.nan
@@ -310,13 +340,18 @@ def race_batch(
             if not total < bound[row, k]:
                 break
             action = order[row, k]
+            measured = felt[action]
             height = settle_body(body, known, swing[action], steps > 0, radii, work)
             sense(body, known, radius, channels, height, posed, seen)
-            loss = 0.0
-            for c in range(seen.shape[0]):
-                if not np.isnan(felt[action, c]):
-                    loss += weight[c] * min(abs(seen[c] - felt[action, c]), cap[c])
+            loss = compute_loss(seen, measured, weight, cap)
             if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):
                 loss = np.inf
+            elif loss > other_rest[row] and _turn_as_felt(measured, channels, n):
+                height = _tip_over(
+                    points, radii, com, m, n, heights, touching, flat, simplex, turns
+                ) - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])  # fmt: skip
+                sense(body, known, radius, channels, height, posed, seen)
+                rests = compute_loss(seen, measured, weight, cap)
+                loss = min(loss, other_rest[row] + rests)
             each[row, action] = loss
             total += loss

@@ -69,6 +69,7 @@ class Statics:
         cap: Floats,
         order: Ints,
         bound: Floats,
+        other_rest: Floats | float = np.inf,
     ) -> Floats:
         """Loss of N bodies under n actions in turn, each given up at its bound.
 
@@ -81,6 +82,8 @@ class Statics:
             order: (N, n) in which each body's actions are tried.
             bound: (N, n) a body is given up whose loss before the first, second, ...
                 action in its order is not below.
+            other_rest: (N) or one: loss that is added where a body is put down as the
+                robot's tilts say it lies; that sum counts where it is less.
 
         Returns:
             (N, n) loss under each action, NaN where it was not simulated, infinite
@@ -91,12 +94,14 @@ class Statics:
         each = np.empty((len(bodies), len(targets)))
         channels = list_channels(bodies.anatomy)
         steps = self._count_substeps(bodies.anatomy)
+        rest = np.full(len(bodies), np.inf if bodies.anatomy.fixed else other_rest)
         packed, known = pack_inputs(bodies)
 
         def run(rows: slice) -> None:
             race_batch(
                 *(x[rows] for x in packed), *known, targets, felt, weight, cap,
-                order[rows], bound[rows], steps, channels.columns, each[rows],
+                rest[rows], order[rows], bound[rows], steps, channels.columns,
+                each[rows],
             )  # fmt: skip
 
         self._run_in_threads(run, len(bodies))

@@ -169,7 +169,13 @@ class Evaluator:
         return self.loss(table[list(evidence.tried)], evidence.measured)
 
     def compute_losses(
-        self, genomes: Genomes, evidence: Evidence, *, bound: Floats, order: Ints
+        self,
+        genomes: Genomes,
+        evidence: Evidence,
+        *,
+        bound: Floats,
+        order: Ints,
+        other_rest: Floats | float = np.inf,
     ) -> tuple[Floats, Floats]:
         """Losses of genomes; see `compute_body_losses`.
 
@@ -178,15 +184,25 @@ class Evaluator:
             evidence: n actions and their channels.
             bound: (N, n) or (N) loss at which a body is given up.
             order: (n) or (N, n) positions in the evidence, first to last to be tried.
+            other_rest: (N) or one: loss of a pose that a body can rest in, though it
+                comes to another.
 
         Returns:
             (N) losses, infinite where given up, and (N, n) loss under each action.
         """
         bodies = build_bodies(self.anatomy, genomes)
-        return self.compute_body_losses(bodies, evidence, bound=bound, order=order)
+        return self.compute_body_losses(
+            bodies, evidence, bound=bound, order=order, other_rest=other_rest
+        )
 
     def compute_body_losses(
-        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
+        self,
+        bodies: Bodies,
+        evidence: Evidence,
+        *,
+        bound: Floats,
+        order: Ints,
+        other_rest: Floats | float = np.inf,
     ) -> tuple[Floats, Floats]:
         """Losses over the evidence, abandoned once they reach a bound.
 
@@ -197,6 +213,7 @@ class Evaluator:
                 actions has reached bound[:, k].
             order: (n) or (N, n) positions in the evidence, first to last to be
                 simulated.
+            other_rest: as in `compute_losses`, where the engine tells it.
 
         Returns:
             total: (N) loss of the candidates that stayed below, infinite for others.
@@ -207,17 +224,28 @@ class Evaluator:
         order = np.ascontiguousarray(np.broadcast_to(order, shape))
         bound = np.broadcast_to(bound if bound.ndim == 2 else bound[:, None], shape)
         each = np.full(shape, np.nan)
+        rest = np.broadcast_to(other_rest, len(bodies))
         sound = np.flatnonzero(count_centers_in_torso(bodies) == 0)  # papers.md 1.1
         if len(sound):
             each[sound] = self._race_bodies(
-                bodies[sound], evidence, bound=bound[sound], order=order[sound]
+                bodies[sound],
+                evidence,
+                bound=bound[sound],
+                order=order[sound],
+                other_rest=rest[sound],
             )
         run = np.cumsum(np.take_along_axis(each, order, axis=1), axis=1)
         complete = (run < bound).all(axis=1)  # false where anything is not known
         return np.where(complete, run[:, -1], np.inf), each
 
     def _race_bodies(
-        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
+        self,
+        bodies: Bodies,
+        evidence: Evidence,
+        *,
+        bound: Floats,
+        order: Ints,
+        other_rest: Floats,
     ) -> Floats:
         """(N, n) losses by position, NaN from where a body has reached its bound."""
         tried, felt = np.asarray(evidence.tried), evidence.measured
@@ -227,7 +255,7 @@ class Evaluator:
             before = np.hstack([np.full((len(bound), 1), np.inf), bound[:, :-1]])
             each = race(
                 bodies, self.actions[tried], felt, weight=self.loss.weight,
-                cap=self.loss.cap, order=order, bound=before,
+                cap=self.loss.cap, order=order, bound=before, other_rest=other_rest,
             )  # fmt: skip
             self._count(int((~np.isnan(each)).sum()))
             self.failed += int(np.isinf(each).sum())

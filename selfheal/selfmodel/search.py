@@ -14,6 +14,7 @@ import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, center_on_sides, concatenate_genomes
+from ..engine.channels import OTHER_REST
 from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
 from .prior import compute_prior_cost, draw_alike_genomes
@@ -51,6 +52,7 @@ _ALIKE = 1000
 # Climbs in a row that led to no other tree, after which fewer than 5 % of climbs would,
 # at 95 % confidence (rule of three, Hanley and Lippman-Hand 1983): 3 / 0.05.
 _CLIMBS_IN_VAIN = 60
+_PUT_DOWN = 0.5  # of new climbs, in which bodies are put down as the robot lies
 _FAVOR_SCALE = 1.0  # [deg] an action: better rivals start climbs more often; chosen
 _MOST_DIVERGED = 1000  # diverged simulations, and no other, end the search; chosen
 
@@ -68,6 +70,7 @@ class _Climber:
         left: changes not tried since the body changed.
         fine: whether it tries small changes of continuous genes.
         peak: loss at which the last coarse climb ended.
+        other_rest: loss of a pose that a body can rest in, though it comes to another.
     """
 
     genome: Genomes
@@ -80,6 +83,7 @@ class _Climber:
     left: int = 0
     fine: bool = False
     peak: float = np.inf
+    other_rest: float = np.inf
 
     @property
     def is_stuck(self) -> bool:
@@ -245,18 +249,8 @@ class RivalSearch:
         self.keep_best(self.size)
         finite = np.flatnonzero(np.isfinite(self.rivals.losses))
         return [
-            self._make_climber(
-                self.rivals.genomes[[k]], self.rivals.tables[k], evidence
-            )
-            for k in finite[:_CLIMB_AGAIN]
+            _Climber(self.rivals.genomes[[k]], np.inf) for k in finite[:_CLIMB_AGAIN]
         ]
-
-    def _make_climber(
-        self, genome: Genomes, table: Floats, evidence: Evidence
-    ) -> _Climber:
-        """A climber that starts from a body whose table is known."""
-        each = self.evaluator.compute_table_losses(table, evidence)
-        return _Climber(genome, float(each.sum()), each)
 
     def _find_best_twin(
         self, genome: Genomes, table: Floats, evidence: Evidence
@@ -277,6 +271,12 @@ class RivalSearch:
         return twin, table, float(losses[turn, trade])
 
     def _start_climber(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
+        """A new climber, of every other one the bodies are put down; see `Statics`."""
+        climber = self._draw_start(evidence, rng)
+        climber.other_rest = OTHER_REST if rng.random() < _PUT_DOWN else np.inf
+        return climber
+
+    def _draw_start(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
         """The best of some random bodies, a kicked rival, or a child of two rivals."""
         dice = rng.random()
         if np.isfinite(self.rivals.losses).sum() < 4 or dice < 0.3:
@@ -326,9 +326,10 @@ class RivalSearch:
         sizes = [len(b) for b in batches]
         routes = zip(*(c.plan_race(len(evidence)) for c in active), strict=True)
         order, bound = (np.repeat(rows, sizes, axis=0) for rows in routes)
+        rest = np.repeat([c.other_rest for c in active], sizes)
         genomes = concatenate_genomes(*batches)
         total, each = self.evaluator.compute_losses(
-            genomes, evidence, bound=bound, order=order
+            genomes, evidence, bound=bound, order=order, other_rest=rest
         )
         edges = np.cumsum([0, *sizes])
         for climber, low, high in zip(active, edges[:-1], edges[1:], strict=True):
@@ -346,7 +347,8 @@ class RivalSearch:
             return None
         table = self.evaluator.compute_table(climber.genome)[0]
         genome, table, loss = self._find_best_twin(climber.genome, table, evidence)
-        better = loss < climber.loss - 1e-6
         self.rivals.add_rival(genome, table, loss)
         self.keep_best(self.size)
-        return self._make_climber(genome, table, evidence) if better else None
+        if genome is climber.genome:
+            return None
+        return _Climber(genome, np.inf, other_rest=climber.other_rest)

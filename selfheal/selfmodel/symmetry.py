@@ -7,7 +7,6 @@ channels under all actions holds those of all its relabeled, turned and mirrored
 twins, without a simulation.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import permutations, product
 from math import factorial, prod
@@ -17,6 +16,7 @@ import numpy as np
 from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import Genomes, relabel_parts
 from ..engine.channels import SENSOR_KINDS, Channels, list_channels
+from .evaluate import Loss
 
 _MOST_TRADES = 1000  # chosen: beyond it only pairs trade labels
 # hinge kinds after a mirror: left and right, roll left and roll right change places
@@ -72,11 +72,6 @@ class SymmetryGroup:
         source = np.array(found).T.copy()
         return cls(trade, source, turns, maps, column, anatomy.ordered)
 
-    @property
-    def is_plain(self) -> bool:
-        """Whether no part has a sensor, so that trades leave the channels alone."""
-        return bool((self.column == self.column[0]).all())
-
     def find_valid_trades(self, parent: Ints) -> np.ndarray:
         """(T) whether a body's parents (P) still come before children once traded."""
         if not self.ordered:
@@ -90,7 +85,7 @@ class SymmetryGroup:
         table: Floats,
         tried: Ints,
         felt: Floats,
-        loss: Callable[[Floats, Floats], Floats],
+        loss: Loss,
     ) -> Floats:
         """(G, T) loss of every twin of a body, infinite where impossible or unknown.
 
@@ -101,21 +96,17 @@ class SymmetryGroup:
             felt: (n, C) channels measured.
             loss: of one action.
         """
-        twins = table @ self.channel.transpose(0, 2, 1)  # (G, A, C)
+        from ..engine.losses import fill_twin_losses
+
+        turned = np.ascontiguousarray(table @ self.channel.transpose(0, 2, 1))
         source = self.action[:, tried]  # (T, n)
         known = (source >= 0).all(axis=1) & self.find_valid_trades(parent)
-        source = source[known]
-        if self.is_plain:
-            each = loss(twins[:, None], felt[:, None])  # (G, n, A)
-            each = np.where(np.any(np.isnan(twins), axis=2)[:, None], np.inf, each)
-            each = each[:, np.arange(len(tried)), source]
-        else:  # a trade of parts trades their sensors, too
-            column = self.column[known][:, None]
-            moved = twins[:, source[..., None], column]  # (G, T, n, C)
-            each = loss(moved, felt)
-            each = np.where(np.any(np.isnan(moved), axis=3), np.inf, each)
-        total = np.full((len(twins), len(known)), np.inf)
-        total[:, known] = each.sum(axis=2)
+        total = np.full((len(turned), len(known)), np.inf)
+        each = np.empty((len(turned), int(known.sum())))
+        fill_twin_losses(
+            turned, source[known], self.column[known], felt, loss.weight, loss.cap, each
+        )
+        total[:, known] = each
         return total
 
     def map_table(self, table: Floats, turn: int, trade: int) -> Floats:
@@ -145,8 +136,7 @@ class SymmetryGroup:
         source = self.action[trade]  # (N, A)
         found = np.take_along_axis(tables, np.maximum(source, 0)[..., None], axis=1)
         twins = found @ self.channel[turn].transpose(0, 2, 1)
-        if not self.is_plain:
-            twins = np.take_along_axis(twins, self.column[trade][:, None], axis=2)
+        twins = np.take_along_axis(twins, self.column[trade][:, None], axis=2)
         return np.where((source < 0)[..., None], np.nan, twins)
 
     def map_genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:

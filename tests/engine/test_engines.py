@@ -192,6 +192,29 @@ def test_every_body_races_in_its_own_order():
     np.testing.assert_allclose(each[before < limit], full[before < limit], atol=1e-9)
 
 
+def _race_trees_against_mujoco(other_rest: float) -> np.ndarray:
+    """(N, N) losses of each tree under each one's action, against that one's rest."""
+    bodies, targets = _trees()
+    return STATICS.race(
+        bodies,
+        targets,
+        _reference("trees").channels,
+        weight=LOSS.weight,
+        cap=LOSS.cap,
+        order=np.tile(np.arange(TREES), (TREES, 1)),
+        bound=np.full((TREES, TREES), np.inf),
+        other_rest=other_rest,
+    )
+
+
+def test_a_body_rests_where_mujoco_says_if_it_is_put_down_so():
+    falls, put = (_race_trees_against_mujoco(cost) for cost in (np.inf, 1.0))
+    other = np.diag(falls) > 10
+    assert 0 < other.sum() < 0.2 * TREES, "statics and mujoco differ in a few rests"
+    assert (np.diag(put)[other] < 1.0 + 2.0).all()
+    assert (put >= np.minimum(falls, 1.0)).all() and (put <= falls).all()
+
+
 def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     bodies, _ = _trees()
     length = bodies.length.copy()

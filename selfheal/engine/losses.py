@@ -1,0 +1,65 @@
+"""What predictions leave unexplained of readings, compiled with numba."""
+
+import numba
+import numpy as np
+
+from ._hull import JIT
+
+
+@numba.njit(inline="always", **JIT)
+def _miss(predicted, felt, weight, cap):
+    """Loss of a channel: none where nothing was felt, infinite without prediction."""
+    if np.isnan(felt):
+        return 0.0
+    return np.inf if np.isnan(predicted) else weight * min(abs(predicted - felt), cap)
+
+
+@numba.njit(**JIT)
+def compute_loss(predicted, felt, weight, cap):
+    """Loss of an action, sum_c weight_c min(|predicted_c - felt_c|, cap_c).
+
+    Args:
+        predicted: (C) channels; NaN = not known, an infinite loss.
+        felt: (C) channels measured; NaN = unknown, and free.
+        weight: (C) [1/unit].
+        cap: (C) [unit].
+    """
+    loss = 0.0
+    for c in range(felt.shape[0]):
+        loss += _miss(predicted[c], felt[c], weight[c], cap[c])
+    return loss
+
+
+@numba.njit(**JIT)
+def fill_twin_losses(tables, source, column, felt, weight, cap, out):
+    """Fill in the losses of the twins of a body, see `selfmodel.symmetry`.
+
+    Args:
+        tables: (G, A, C) channels of the body, turned and mirrored, under its actions.
+        source: (T, n) the action of the body for each trade and action tried.
+        column: (T, C) its column for each trade and channel.
+        felt: (n, C) channels measured; NaN = unknown, and free.
+        weight: (C) as in `compute_loss`.
+        cap: (C) as there.
+        out: (G, T) to fill: infinite where a prediction is not known.
+    """
+    tried, channels = felt.shape
+    moves = np.zeros(channels, np.bool_)  # with the parts that trade
+    for t in range(column.shape[0]):
+        for c in range(channels):
+            moves[c] |= column[t, c] != c
+    free = np.where(moves, np.nan, felt)  # what was felt by channels that do not move
+    still = np.empty((tried, tables.shape[1]))
+    for g in range(out.shape[0]):
+        for k in range(tried):
+            for a in range(tables.shape[1]):
+                still[k, a] = compute_loss(tables[g, a], free[k], weight, cap)
+        for t in range(out.shape[1]):
+            total = 0.0
+            for k in range(tried):
+                row = tables[g, source[t, k]]
+                total += still[k, source[t, k]]
+                for c in range(channels):
+                    if moves[c]:
+                        total += _miss(row[column[t, c]], felt[k, c], weight[c], cap[c])
+            out[g, t] = total
