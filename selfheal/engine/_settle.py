@@ -194,6 +194,16 @@ def _allocate_scratch(p):
 
 
 @numba.njit(**JIT)
+def _settle_pose(radii, m, work):
+    """Tip a posed body of m contact points over; the torso's height above the floor."""
+    points, com, _, _, heights, touching, flat, simplex, n, turns = work
+    height = _tip_over(
+        points, radii, com, m, n, heights, touching, flat, simplex, turns
+    )
+    return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
+
+
+@numba.njit(**JIT)
 def settle_body(body, known, swing, falls, radii, work):
     """Settle one body while its joints move from 0 to their targets in sub-steps.
 
@@ -208,7 +218,7 @@ def settle_body(body, known, swing, falls, radii, work):
     Returns:
         Height of the torso's center above the floor [m].
     """
-    points, com, frames, spots, heights, touching, flat, simplex, n, turns = work
+    points, com, frames, spots, n = work[0], work[1], work[2], work[3], work[8]
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
     height = 0.0
     if not falls:  # it stands as it is put
@@ -216,10 +226,8 @@ def settle_body(body, known, swing, falls, radii, work):
         return known[0][2]
     for step in range(swing.shape[0]):
         m = pose_body(body, known, swing[step], points, com, frames, spots)
-        height = _tip_over(
-            points, radii, com, m, n, heights, touching, flat, simplex, turns
-        )
-    return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
+        height = _settle_pose(radii, m, work)
+    return height
 
 
 @numba.njit(**JIT)
@@ -321,12 +329,12 @@ def race_batch(
             infinite where the simulation failed.
     """
     radii, work = _allocate_scratch(targets.shape[1])
-    points, com, frames, spots, heights, touching, flat, simplex, n, turns = work
-    posed, seen = (frames, spots, n), np.empty(felt.shape[1])
-    count, p = targets.shape
-    swing = np.empty((count, max(steps, 1), p, 2))
+    points, n, seen = work[0], work[8], np.empty(felt.shape[1])
+    posed, count = (work[2], work[3], n), targets.shape[0]
+    swing = np.empty((count, max(steps, 1), targets.shape[1], 2))
     for k in range(count):
         swing[k] = compute_swing(targets[k], max(steps, 1))
+    each[:] = np.nan
     for row in range(bound.shape[0]):
         body = (
             parent[row], anchor[row], mount[row], axis[row], length[row],
@@ -334,24 +342,19 @@ def race_batch(
         )  # fmt: skip
         m = _fill_contact_spheres(known, radius, thickness[row], points, radii)
         total = 0.0
-        for k in range(targets.shape[0]):
-            each[row, k] = np.nan
-        for k in range(targets.shape[0]):
+        for k in range(count):
             if not total < bound[row, k]:
                 break
             action = order[row, k]
-            measured = felt[action]
             height = settle_body(body, known, swing[action], steps > 0, radii, work)
             sense(body, known, radius, channels, height, posed, seen)
-            loss = compute_loss(seen, measured, weight, cap)
-            if not np.isfinite(height) or not np.isfinite(n[0] + n[1] + n[2]):
+            loss = compute_loss(seen, felt[action], weight, cap)
+            if not np.isfinite(height + n[0] + n[1] + n[2]):
                 loss = np.inf
-            elif loss > other_rest[row] and _turn_as_felt(measured, channels, n):
-                height = _tip_over(
-                    points, radii, com, m, n, heights, touching, flat, simplex, turns
-                ) - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])  # fmt: skip
+            elif loss > other_rest[row] and _turn_as_felt(felt[action], channels, n):
+                height = _settle_pose(radii, m, work)
                 sense(body, known, radius, channels, height, posed, seen)
-                rests = compute_loss(seen, measured, weight, cap)
-                loss = min(loss, other_rest[row] + rests)
+                put = compute_loss(seen, felt[action], weight, cap)
+                loss = min(loss, other_rest[row] + put)
             each[row, action] = loss
             total += loss
