@@ -63,8 +63,10 @@ def print_import(report: "ImportReport", path: Path) -> None:
         ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
         print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
     for unit, names in report.assumed.items():
-        print_line(f"assumed to be in {unit}, for neither map nor log states a unit: "
-            f"{join_names(names)}")  # fmt: skip
+        print_line(
+            f"assumed to be in {unit}, for neither map nor log states a unit: "
+            f"{join_names(names)}"
+        )
     for offset in report.offsets:
         print_line(_describe_offset(offset))
     if report.lag:

@@ -84,8 +84,10 @@ def print_table(
         [Measurement.get(console, console.options, text) for text in column]
         for column in zip(names, *cells, strict=True)
     ]
-    least = [max(s.maximum if k < whole else s.minimum for s in column)
-             for k, column in enumerate(spans)]  # fmt: skip
+    least = [
+        max(s.maximum if k < whole else s.minimum for s in column)
+        for k, column in enumerate(spans)
+    ]
     most = [max(s.maximum for s in column) for column in spans]
     room = console.width - _BORDER * len(head) - 1
     if sum(least) > room:

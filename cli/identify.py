@@ -246,8 +246,10 @@ def show(
 
     run = load_run(file)
     if as_json:
-        print_json(run.result or {"format": "selfheal-identify", "version": 1,
-                                  "cycles": len(run.cycles)})  # fmt: skip
+        print_json(
+            run.result
+            or {"format": "selfheal-identify", "version": 1, "cycles": len(run.cycles)}
+        )
         return
     if not run.cycles:
         raise InputError(

@@ -295,8 +295,9 @@ def _print_telemetry(summary: dict[str, Any]) -> None:
         episodes = "all episodes" if every else f"episode {names}"
         print_paragraph(
             f"{fault['kind']} ({episodes}, p {_format_p_value(fault['p_value'])}): "
-            f"{fault['seen']}", "  ",
-        )  # fmt: skip
+            f"{fault['seen']}",
+            "  ",
+        )
         for line in fault["corrections"]:
             if not (line.startswith("[[signals]]") and summary.get("corrected_rules")):
                 print_paragraph(f"  correction: {line}", "    ")

@@ -82,8 +82,9 @@ def _run_study(
     if resume is not None:
         refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
         _check_name(resume, name)
-        _finish_study(resume, place, only_failed=bool(only), as_json=as_json,
-                      asked=progress)  # fmt: skip
+        _finish_study(
+            resume, place, only_failed=bool(only), as_json=as_json, asked=progress
+        )
         return
     count = _RUNS[name] if runs is None else runs
     path = _begin_study(name, StudyRequest(count, seed, recordings, folder), out, force)
@@ -133,8 +134,9 @@ def _check_name(path: Path, name: str) -> None:
 
     found = load_study(path).study
     if found != name:
-        raise InputError(f"{path} is of study {found!r}; selfheal study {found} "
-                         f"--resume {path}")  # fmt: skip
+        raise InputError(
+            f"{path} is of study {found!r}; selfheal study {found} --resume {path}"
+        )
 
 
 def _finish_study(
@@ -208,8 +210,9 @@ def _serialize_study(results: "Results", tables: "Sequence[Table]", path: Path) 
     """A study for scripts."""
     from dataclasses import asdict
 
-    failed = [{"key": t.key, "error": results.records[t.key]["error"]}
-              for t in results.failed]  # fmt: skip
+    failed = [
+        {"key": t.key, "error": results.records[t.key]["error"]} for t in results.failed
+    ]
     return {
         "format": "selfheal-study",
         "version": 1,

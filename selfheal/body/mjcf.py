@@ -283,8 +283,10 @@ def _find_geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
     found = [g for g in body.geoms if g.type == kind]
     shape = kind.name[7:].lower()
     if len(found) > 1 or (needed and not found):
-        raise ModelError(f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
-                         "it needs exactly one")  # fmt: skip
+        raise ModelError(
+            f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
+            "it needs exactly one"
+        )
     if found and not found[0].mass > 0:
         raise ModelError(f"{path}: the {shape} of {body.name!r} needs a positive mass")
     return found[0] if found else None
@@ -341,8 +343,10 @@ def _read_bends(path: str, model, ids) -> tuple[Floats, tuple[float, ...]]:
     frames = turns.reshape(-1, 3, 3)
     if (rolled := np.abs(frames[:, 2, 1]) > _SAME_AXIS).any():
         name = model.body(ids[int(np.argmax(rolled))]).name
-        raise ModelError(f"{path}: body {name!r} is rolled about its own axis; it may "
-                         "be turned about z, and then about its y")  # fmt: skip
+        raise ModelError(
+            f"{path}: body {name!r} is rolled about its own axis; it may "
+            "be turned about z, and then about its y"
+        )
     bends = np.arctan2(-frames[:, 2, 0], frames[:, 2, 2])
     flat = (np.abs(bends) < _SAME_AXIS).all()
     headings = np.arctan2(-frames[:, 0, 1], frames[:, 1, 1])

@@ -51,8 +51,10 @@ def _write_csv(path: Path, recording: Recording, predicted: Recording | None) ->
     from pyarrow import csv
 
     table = build_table(recording, predicted)
-    names = [f"{field.name} [{unit}]" if (unit := find_unit(field)) else field.name
-             for field in table.schema]  # fmt: skip
+    names = [
+        f"{field.name} [{unit}]" if (unit := find_unit(field)) else field.name
+        for field in table.schema
+    ]
     csv.write_csv(table.rename_columns(names), path)
 
 

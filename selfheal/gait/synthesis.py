@@ -96,8 +96,10 @@ def measure_way(position: Floats, orientation: Floats, heading: float) -> float:
     w, x, y, z = orientation[rows[:-1]].T
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
     pieces = np.diff(position[rows], axis=0)
-    along = [project_on_heading(piece, heading + turn)[0]
-             for piece, turn in zip(pieces, yaw, strict=True)]  # fmt: skip
+    along = [
+        project_on_heading(piece, heading + turn)[0]
+        for piece, turn in zip(pieces, yaw, strict=True)
+    ]
     return float(np.sum(along))
 
 

@@ -191,8 +191,10 @@ def _compute_trusted_scale(
         return known
     broken = [(d,) for d in list_single_damages(robot) if d.kind in _CLEAR_KINDS]
     rows = COMPARED_STEPS // STEPS_PER_SAMPLE
-    one, *others = (simulate_hypotheses(robot, trim, broken, weights, rows).sensors
-                    for trim in trims)  # fmt: skip
+    one, *others = (
+        simulate_hypotheses(robot, trim, broken, weights, rows).sensors
+        for trim in trims
+    )
     parted = compute_residual_scale(
         np.concatenate([one] * len(others)), np.concatenate(others)
     )

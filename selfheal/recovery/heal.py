@@ -99,8 +99,9 @@ def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
     told = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
-    shown = [{k: v for k, v in b.items() if k != "azimuth"}
-             for b in p["verdict"]["believed"]]  # fmt: skip
+    shown = [
+        {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
+    ]
     known = p["known"]["distance"]
     distance = {"intact": p["whole"]["distance"], "damaged": p["walked"]["damaged"],
                 "healed": p["walked"]["healed"], "best_known": known}  # fmt: skip

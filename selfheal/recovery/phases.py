@@ -224,8 +224,9 @@ class HealPhases:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
         if seen.alarm:
-            late = {k: round(getattr(seen.alarm, k) + before, 3)
-                    for k in ("time", "since")}  # fmt: skip
+            late = {
+                k: round(getattr(seen.alarm, k) + before, 3) for k in ("time", "since")
+            }
             alarm = {**asdict(seen.alarm), **late}
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
         return {

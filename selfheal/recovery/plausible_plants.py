@@ -87,7 +87,9 @@ def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) ->
         (H, K, M) values that count.
     """
     return np.stack(
-        [predict_values([apply_damages(plant, d) for d in damages], probe, bias)
-         for plant, bias in zip(known.plants, known.bias, strict=True)],
+        [
+            predict_values([apply_damages(plant, d) for d in damages], probe, bias)
+            for plant, bias in zip(known.plants, known.bias, strict=True)
+        ],
         axis=1,
-    )  # fmt: skip
+    )

@@ -360,8 +360,10 @@ def _list_next_of_hours(settings: Any, done: Sequence[str]) -> Sequence[str]:
     own = [name.partition(_ROUND)[0] for name in done
            if name == "gait" or name.endswith(f"{_ROUND}{heal}")]  # fmt: skip
     single = replace(settings, hours=0.0, onsets=())
-    left = ["first" if name == "known" else name
-            for name in HealRun.list_next_phases(single, own)]  # fmt: skip
+    left = [
+        "first" if name == "known" else name
+        for name in HealRun.list_next_phases(single, own)
+    ]
     if not left:
         left, heal = ["whole"], heal + 1
     return [HealRun.name_phase(name, heal) for name in left]

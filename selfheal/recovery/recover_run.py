@@ -181,9 +181,11 @@ class RecoverRun(PhasedRun):
         done = self.phases
         asked = {"failure": "original"}
         asked |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
-        return [Trial(done[by]["weights"], float(done[name]["way"]),
-                      done[name]["sensed"])
-                for name, by in asked.items() if name in done]  # fmt: skip
+        return [
+            Trial(done[by]["weights"], float(done[name]["way"]), done[name]["sensed"])
+            for name, by in asked.items()
+            if name in done
+        ]
 
     @staticmethod
     def measure_sizes(settings: Any) -> dict[str, int]:
@@ -349,8 +351,10 @@ def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
                 or (h == () and damage == INTACT) for h in believed]  # fmt: skip
         return sum(p for p, one in zip(chance, said, strict=True) if one)
 
-    told = [{**d.document, "probability": round(share(d), 4)}
-            for d in believed[0] or (INTACT,)]  # fmt: skip
+    told = [
+        {**d.document, "probability": round(share(d), 4)}
+        for d in believed[0] or (INTACT,)
+    ]
     return sorted(told, key=lambda d: -float(d["probability"]))
 
 

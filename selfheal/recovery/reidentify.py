@@ -130,8 +130,9 @@ class DamagePosterior:
         None where no probe can be expected to tell more. Poses are predicted by
         `statics` for this, and the walk by MuJoCo once.
         """
-        left = [k for k in range(len(self.probes))
-                if k not in [t.probe for t in self.taken]]  # fmt: skip
+        left = [
+            k for k in range(len(self.probes)) if k not in [t.probe for t in self.taken]
+        ]
         for k in left:
             self._extend_table(self._approximations, k, self._approximate)
         weight, group = self.compute_log_weights(), self._find_open_groups()

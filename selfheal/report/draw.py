@@ -41,8 +41,9 @@ def _build_prism() -> Floats:
     angle = 2 * np.pi * (np.arange(_SIDES + 1) + 0.5) / _SIDES
     near = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
     far = near + [1, 0, 0]
-    sides = [np.array([near[k + 1], far[k + 1], far[k], near[k]])
-             for k in range(_SIDES)]  # fmt: skip
+    sides = [
+        np.array([near[k + 1], far[k + 1], far[k], near[k]]) for k in range(_SIDES)
+    ]
     return _pad_faces([*sides, far[:-1], near[:-1][::-1]])
 
 
@@ -244,8 +245,9 @@ def _draw_rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
     ax.plot(seen[:, 0], seen[:, 1], color=MUTED, lw=0.7, ls=(0, (3, 2)), zorder=1)
     top = float(bodies.anatomy.torso_half[2])
     size = 0.6 * float(bodies.anatomy.torso_half[:2].min())
-    arrow = np.array([[size, 0, top], [-size / 2, size / 2, top],
-                      [-size / 2, -size / 2, top]])  # fmt: skip
+    arrow = np.array(
+        [[size, 0, top], [-size / 2, size / 2, top], [-size / 2, -size / 2, top]]
+    )
     seen = camera.project(arrow)
     ax.fill(seen[:, 0], seen[:, 1], color=LINE, lw=0, zorder=3)
 

@@ -164,8 +164,9 @@ def _make_bodies_section(run: HealRun, before: Bodies, after: Bodies) -> Section
         ax.text(x, 0.92 * half[1], title, color=INK, fontsize=10)
     caption = "The body that the robot believes in; what the damage touches is orange."
     best = run.phases["verdict"]["believed"][0]
-    words = make_paragraph(f"It believes: {read_damage(best)}, "
-                      f"{100 * best['probability']:.0f} % sure.")  # fmt: skip
+    words = make_paragraph(
+        f"It believes: {read_damage(best)}, {100 * best['probability']:.0f} % sure."
+    )
     return Section("Body before and after", (words, embed_figure(fig, caption)))
 
 
@@ -173,8 +174,10 @@ def _choose_colors(run: HealRun, body: Bodies) -> list[str]:
     """A color for each part: orange where the damage is."""
     name = read_damage(run.phases["verdict"]["believed"][0]).name
     a = body.anatomy
-    hit = [name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
-           for part, joint in zip(a.parts, a.joints, strict=True)]  # fmt: skip
+    hit = [
+        name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
+        for part, joint in zip(a.parts, a.joints, strict=True)
+    ]
     return [ORANGE if h else NEUTRAL for h in hit]
 
 
@@ -225,8 +228,10 @@ def _make_hypotheses_section(run: HealRun) -> Section:
         ]
         rows.append((str(k), phase["why"], ", ".join(believed)))
     head = ("", "action", "believed after it")
-    final = [(str(read_damage(b)), _format_percent(b["probability"]))
-             for b in run.phases["verdict"]["believed"]]  # fmt: skip
+    final = [
+        (str(read_damage(b)), _format_percent(b["probability"]))
+        for b in run.phases["verdict"]["believed"]
+    ]
     end = make_table(("in the end", "sure"), final, "lr")
     asking = make_table(head, rows, "rll")
     return Section("What it took the damage for", (asking, _draw_beliefs(asked), end))
@@ -255,8 +260,9 @@ def _draw_beliefs(asked: list[Mapping[str, Any]]) -> Html:
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
         chances: Floats = np.array([_find_probability(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
-        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4,
-                label=make_printable(said))  # fmt: skip
+        ax.plot(
+            steps, chances, "o-", color=color, lw=1.4, ms=4, label=make_printable(said)
+        )
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
     ax.set_xlabel("actions")

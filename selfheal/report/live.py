@@ -85,8 +85,9 @@ def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> Any:
     ))  # fmt: skip
     top.legend.orientation, top.legend.click_policy = "horizontal", "hide"
     top.add_layout(top.legend[0], "above")
-    return gridplot([[top], [below]], sizing_mode="stretch_width",
-                    toolbar_options={"logo": None})  # fmt: skip
+    return gridplot(
+        [[top], [below]], sizing_mode="stretch_width", toolbar_options={"logo": None}
+    )
 
 
 def _make_source(trace: Trace) -> Any:

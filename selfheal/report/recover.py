@@ -151,9 +151,10 @@ def _make_beliefs_section(run: RecoverRun) -> Section:
 
 def _make_paths_section(run: RecoverRun) -> Section:
     """The ways of the torso from above."""
-    paths = [(title, color, *phase["path"].T[:2])
-             for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
-             ]  # fmt: skip
+    paths = [
+        (title, color, *phase["path"].T[:2])
+        for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
+    ]
     caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
     return Section("Ways", (draw_paths(paths, "forward", caption),))
 
@@ -170,8 +171,10 @@ def _draw_footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
     from matplotlib.figure import Figure
 
     robot = run.settings.legged_robot
-    names = [s.removesuffix("_lower_touch").replace("_", " ")
-             for s in robot.sensors[: robot.feet]]  # fmt: skip
+    names = [
+        s.removesuffix("_lower_touch").replace("_", " ")
+        for s in robot.sensors[: robot.feet]
+    ]
     fig = Figure(figsize=(WIDTH, 0.6 + len(shown) * 0.24 * (len(names) + 2)))
     axes = fig.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     fig.subplots_adjust(0.12, 0.5 / fig.get_figheight(), 0.98, 0.95, hspace=0.35)

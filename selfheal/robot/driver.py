@@ -70,8 +70,9 @@ class DrivenByClass:
                     f"{self.name}: read() gave no numbers for {quote_name(signal)}"
                 ) from error
         episode = make_rest_episode(self.anatomy, np.arange(3.0), target, found)
-        return Recording({f"action_{action:03d}": episode}, self.name, "driver",
-                         file=self.name)  # fmt: skip
+        return Recording(
+            {f"action_{action:03d}": episode}, self.name, "driver", file=self.name
+        )
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,10 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
 
 def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
     """The cells of one robot and scenario."""
-    ways = [[r["outcome"]["distance"][k] or 0.0 for r in rs]
-            for k in ("intact", "damaged", "healed")]  # fmt: skip
+    ways = [
+        [r["outcome"]["distance"][k] or 0.0 for r in rs]
+        for k in ("intact", "damaged", "healed")
+    ]
     told = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
     return (
         f"{len(rs):,}",

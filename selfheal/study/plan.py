@@ -116,8 +116,7 @@ class Study:
 
 def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:
     """Records of runs that had certain settings."""
-    return [r for r in records
-            if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
+    return [r for r in records if all(r["settings"][k] == v for k, v in wanted.items())]
 
 
 def find_study(name: str) -> Study:

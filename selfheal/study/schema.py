@@ -75,8 +75,9 @@ def _list_tasks(asked: StudyRequest) -> list[Task]:
     places = [HIDDEN] if asked.recordings is None else [REAL, HIDDEN]
     if REAL in places and not (Path(str(asked.recordings)) / _FILE).is_file():
         raise InputError(f"--recordings {asked.recordings}: no {_FILE} there")
-    work = [(what, "+".join(names)) for what in ("lengths", "ours")
-            for names in SENSOR_SETS]  # fmt: skip
+    work = [
+        (what, "+".join(names)) for what in ("lengths", "ours") for names in SENSOR_SETS
+    ]
     work.append(("matrix", "+".join(SENSOR_SETS[-1])))
     return [
         Task(f"{robot} {what} {sensors} {seed}",

@@ -191,8 +191,9 @@ def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     for robot in (REAL, HIDDEN):
         for phase in _PHASES:
             if found := group_by_method(records, robot=robot, phase=phase):
-                series = {METHODS[m]: extract_column(rs, "error")
-                          for m, rs in found.items()}  # fmt: skip
+                series = {
+                    METHODS[m]: extract_column(rs, "error") for m, rs in found.items()
+                }
                 title = f"Error {phase} damage, {ROBOT_LABELS[robot]}"
                 pictures.append(Picture(title, "box", series, "error [cm]"))
     told = {

@@ -111,10 +111,11 @@ def list_statements(records: Sequence[Record]) -> Pairs:
     return [
         pair
         for record in records
-        for pair in zip(record["outcome"]["stated"][1:], record["outcome"]["right"][1:],
-                        strict=True)
+        for pair in zip(
+            record["outcome"]["stated"][1:], record["outcome"]["right"][1:], strict=True
+        )
         if isfinite(pair[0])
-    ]  # fmt: skip
+    ]
 
 
 def extract_column(records: Sequence[Record], name: str) -> list[Any]:
