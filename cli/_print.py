@@ -105,13 +105,7 @@ _BORDER = 3  # characters of a column that are none of its text: a line, two bla
 
 
 def _share_room(least: Sequence[int], most: Sequence[int], room: int) -> Sequence[int]:
-    """Widths of columns in a room that holds the least of all: the widest ones give.
-
-    Args:
-        least: width of each column's longest word.
-        most: width of each column on one line.
-        room: in all.
-    """
+    """Widths of columns in a room that holds the least of all: the widest ones give."""
     for limit in range(max(most), 0, -1):
         widths = [max(a, min(b, limit)) for a, b in zip(least, most, strict=True)]
         if sum(widths) <= room:
@@ -125,14 +119,7 @@ def _print_records(
     names: Sequence["Text"],
     cells: Iterable[Sequence["Text"]],
 ) -> None:
-    """Print each row by itself, its first cell above the others.
-
-    Args:
-        console: of the terminal.
-        title: above all.
-        names: of the columns.
-        cells: of the rows.
-    """
+    """Print each row by itself, its first cell above the others."""
     from rich.text import Text
 
     if title is not None:

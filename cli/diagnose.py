@@ -108,12 +108,7 @@ def _choose_folder(model: Path, resume: bool) -> Path:
 
 @contextmanager
 def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts.
-
-    Args:
-        live: says so.
-        memory: folder in which the same run goes on, if it is there.
-    """
+    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts."""
     pressed = threading.Event()
     earlier = signal.getsignal(signal.SIGINT)
 

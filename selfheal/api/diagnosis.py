@@ -118,11 +118,6 @@ def _read_all(
 ) -> tuple[list[Recording], list[str]]:
     """Every recording, and the full names of what is held out.
 
-    Args:
-        given: recordings.
-        held_out: names of files, episodes or parts of them.
-        model: of the robot, for messages.
-
     Raises:
         InputError: none was given, one is given twice, or a name fits several.
     """
@@ -138,11 +133,6 @@ def _check_logs(
     model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
 ) -> list[str]:
     """What is odd about recordings; those from which nothing could be told are refused.
-
-    Args:
-        model: path of the robot's MJCF or URDF.
-        recordings: of the robot.
-        skip: kinds of faults that are not asked about.
 
     Raises:
         RecordingError: a recording does not fit the model, or contradicts it.
@@ -179,11 +169,6 @@ def _open_recordings(
     given: Sequence[RecordingLike], spare: int, model: str
 ) -> list[Recording]:
     """Every recording, checked.
-
-    Args:
-        given: recordings.
-        spare: how many, the last ones, may be there already.
-        model: of the robot, for messages.
 
     Raises:
         InputError: one is given twice.

@@ -96,14 +96,7 @@ def identify_dynamics(
 
 
 def _move(robot: "Mover", commands: Any, path: Path, stage: Stage) -> "Recording":
-    """The recording of all moves; that of a run that was killed since is taken.
-
-    Args:
-        robot: that moves.
-        commands: (K, T, P) [rad].
-        path: of the recording.
-        stage: told which move it is.
-    """
+    """The recording of all moves; that of a run that was killed since is taken."""
     from ..recording import Recording, read, write
 
     if not path.exists():
@@ -145,13 +138,7 @@ def _write_held_model(body: "Bodies", path: Path) -> Path:
 
 
 def _keep_readings(moved: "Recording", body: "Bodies", is_held: bool) -> "Recording":
-    """The recording without what the model has no sensor for, or that says nothing.
-
-    Args:
-        moved: the whole of it.
-        body: that moved.
-        is_held: whether only the joints moved.
-    """
+    """The recording without what the model has no sensor for, or that says nothing."""
     from ..body.mjcf import build_spec
 
     sensors = {sensor.name for sensor in build_spec(body).sensors}

@@ -330,13 +330,7 @@ def _read_hinges(axes: Floats) -> tuple[int, ...]:
 
 
 def _read_bends(path: str, model, ids) -> tuple[Floats, tuple[float, ...]]:
-    """Headings (P) and bends [rad] of parts, of which none may be rolled.
-
-    Args:
-        path: of the MJCF.
-        model: compiled.
-        ids: of the parts' bodies.
-    """
+    """Headings (P) and bends [rad] of parts, of which none may be rolled."""
     turns = np.empty((len(ids), 9))
     for turn, quat in zip(turns, model.body_quat[ids], strict=True):
         mujoco.mju_quat2Mat(turn, quat)

@@ -62,13 +62,7 @@ def write_mcap(path: Path, recording: Recording, predicted: Recording | None) ->
 def _list_groups(
     recording: Recording, predicted: Recording | None, name: str
 ) -> dict[str, dict[str, tuple[Floats, str]]]:
-    """What an episode's messages hold, by topic.
-
-    Args:
-        recording: with the episode.
-        predicted: the same samples as a model predicts them, or None.
-        name: of the episode.
-    """
+    """What an episode's messages hold, by topic."""
     episode = recording.episodes[name]
     groups = {"ctrl": _name_commands(episode), SIGNALS: _name_signals(episode)}
     if predicted:
@@ -77,27 +71,14 @@ def _list_groups(
 
 
 def _register(writer: Any, topic: str, fields: Mapping[str, Any]) -> int:
-    """Number of a new channel whose messages have these fields.
-
-    Args:
-        writer: of the file.
-        topic: its name, without the slash.
-        fields: JSON schema of each.
-    """
+    """Number of a new channel whose messages have these fields."""
     form = json.dumps({"type": "object", "properties": dict(fields)}).encode()
     schema = writer.register_schema(f"selfheal.{topic}", "jsonschema", form)
     return writer.register_channel(f"/{topic}", "json", schema)
 
 
 def _add(writer: Any, channel: int, stamp: float, message: Mapping[str, Any]) -> None:
-    """Add a message.
-
-    Args:
-        writer: of the file.
-        channel: its number.
-        stamp: time of it [ns].
-        message: its fields.
-    """
+    """Add a message."""
     text = json.dumps(message, allow_nan=False).encode()
     writer.add_message(channel, int(stamp), text, int(stamp))
 

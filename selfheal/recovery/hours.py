@@ -120,13 +120,7 @@ class _Hours:
     def _prepare_heal(
         self, heals: Sequence[HealRun], start: float, walks: int
     ) -> HealPhases:
-        """The last heal, of a robot to which has happened what had until then.
-
-        Args:
-            heals: so far.
-            start: of the last one [s].
-            walks: that are watched.
-        """
+        """The last heal, of a robot to which has happened what had until then."""
         watch = start + LEARNING_TIME
         alarm = heals[-1].phases.get("alarm", {}).get("alarm")
         times = watch + WATCHING_TIME * np.arange(walks)

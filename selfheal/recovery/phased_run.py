@@ -199,13 +199,7 @@ def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
 def _read_phases(
     file: Members, kind: type[PhasedRun], settings: Any
 ) -> dict[str, Phase]:
-    """The phases of an open file, in order.
-
-    Args:
-        file: opened.
-        kind: of the run.
-        settings: of the run.
-    """
+    """The phases of an open file, in order."""
     phases: dict[str, Phase] = {}
     if "phases" not in file.list_names():
         return phases

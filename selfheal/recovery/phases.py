@@ -303,14 +303,7 @@ class HealPhases:
     def _try_gaits(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
-        """Of new gaits and the old one that which gets the broken robot farthest.
-
-        Args:
-            name: of the phase.
-            plants: what the robot may be.
-            weights: how likely each is [1].
-            old: gait, from which one of the searches starts.
-        """
+        """Of new gaits and the old one that which gets the broken robot farthest."""
         seed = self.settings.seed + 1
         new = self.search(
             plants, rungs=THREE_GAITS, weights=weights, seed=seed, start=old,

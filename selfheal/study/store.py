@@ -165,13 +165,7 @@ def _read_tasks(file: Members) -> tuple[Task, ...]:
 def _parse_records(
     members: Members, what: str, texts: Sequence[str | bytes]
 ) -> dict[str, Record]:
-    """The records of JSON texts by their keys; of two with one key the last.
-
-    Args:
-        members: of the file, for the message.
-        what: a text is in the file, for the message.
-        texts: of the records.
-    """
+    """The records of JSON texts by their keys; of two with one key the last."""
     records = {}
     for k, text in enumerate(texts):
         members.parse(f"{what} {k + 1}", text, KeptRecord)
@@ -183,13 +177,7 @@ def _parse_records(
 def _check_outcomes(
     members: Members, study: Study, records: Mapping[str, Record]
 ) -> None:
-    """Refuse what a study's tables could not read.
-
-    Args:
-        members: of the file, for the message.
-        study: whose runs they are.
-        records: by key.
-    """
+    """Refuse what a study's tables could not read."""
     for key, record in records.items():
         settings, outcome = record["settings"], record["outcome"]
         if outcome is not None:
