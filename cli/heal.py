@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import AS_JSON, complete, list_damages, out_folder
+from ._options import (
+    AsJson,
+    Seed,
+    complete,
+    list_damages,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
@@ -30,7 +38,6 @@ _HOURS = typer.Option(
     help="Instead of a damage: hours that it walks, while random ones happen."
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
-_SEED = typer.Option(help="Of everything random.")
 # seconds of CPU that each phase takes, and the page: measured, of the starfish
 _SECONDS = {"gait": 22, "whole": 0.5, "alarm": 1, "ask": 16, "verdict": 0.5,
             "healed": 29, "walked": 0.5, "known": 27, "page": 12}  # fmt: skip
@@ -51,8 +58,8 @@ def gait(
     run: Annotated[Path, _RUN],
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Annotated[int, _SEED] = 0,
-    as_json: Annotated[bool, AS_JSON] = False,
+    seed: Seed = 0,
+    as_json: AsJson = False,
     progress: ShowProgress = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
@@ -99,15 +106,11 @@ def heal(
     hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Annotated[int, _SEED] = 0,
+    seed: Seed = 0,
     out: Annotated[Path | None, out_folder("runs/heal-ROBOT-SEED")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="HEAL.h5", help="Go on with a heal.")
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a heal is already.")
-    ] = False,
-    as_json: Annotated[bool, AS_JSON] = False,
+    resume: Annotated[Path | None, resume_from("HEAL.h5", "a heal")] = None,
+    force: Annotated[bool, start_over("a heal")] = False,
+    as_json: AsJson = False,
     progress: ShowProgress = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
@@ -156,7 +159,7 @@ def watch(
         float | None,
         typer.Option(help="Seconds in which commands repeat; found in them."),
     ] = None,
-    as_json: Annotated[bool, AS_JSON] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say when a recording stopped fitting a body."""
     from selfheal.body.mjcf import load

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import AS_JSON, complete, list_robot_names, out_folder
+from ._options import (
+    AsJson,
+    Seed,
+    complete,
+    list_robot_names,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_table
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -23,7 +31,6 @@ _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
 _KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
 _BUDGET = typer.Option(help="Most simulations of a search; 262000 by default.")
 _MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
-_FORCE = typer.Option("--force", help="Start over where a run is already.")
 _RANDOM_ACTIONS = typer.Option(
     "--random-actions", help="Do not choose actions, for comparison."
 )
@@ -51,14 +58,12 @@ def identify(
         int | None, typer.Option(help="Actions to try; 16 by default.")
     ] = None,
     budget: Annotated[int | None, _BUDGET] = None,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Seed = 0,
     moves: Annotated[int, _MOVES] = 0,
     out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
-    ] = None,
-    force: Annotated[bool, _FORCE] = False,
-    as_json: Annotated[bool, AS_JSON] = False,
+    resume: Annotated[Path | None, resume_from("RUN.h5", "a run")] = None,
+    force: Annotated[bool, start_over("a run")] = False,
+    as_json: AsJson = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find out what a robot's body is."""
@@ -237,7 +242,7 @@ def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
 
 def show(
     file: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A run.")],
-    as_json: Annotated[bool, AS_JSON] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
@@ -266,7 +271,7 @@ def show(
         )
 
 
-def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
+def robots(as_json: AsJson = False) -> None:
     """List the robots that can be asked."""
     from selfheal.robot.open_robot import list_robots as listed
 

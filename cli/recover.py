@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import complete, list_legged_robots, list_scenarios, out_folder
+from ._options import (
+    AsJson,
+    Seed,
+    complete,
+    list_legged_robots,
+    list_scenarios,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
@@ -52,18 +61,13 @@ def recover(
         float,
         typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
     ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Seed = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RECOVER.h5", help="Go on with a run or a folder of runs."
-        ),
+        Path | None, resume_from("RECOVER.h5", "a run or a folder of runs")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a run is already.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    force: Annotated[bool, start_over("a run")] = False,
+    as_json: AsJson = False,
     progress: ShowProgress = False,
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import AS_JSON, make_epilog, out_folder
+from ._options import AsJson, make_epilog, out_folder, resume_from, start_over
 from ._print import print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -55,16 +55,12 @@ def _run_study(
         str, typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
     ] = "",
     out: Annotated[Path | None, out_folder("runs/study-NAME")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="STUDY.h5", help="Go on with a study.")
-    ] = None,
+    resume: Annotated[Path | None, resume_from("STUDY.h5", "a study")] = None,
     only: Annotated[
         str, typer.Option(metavar="failed", help="With --resume: failed runs again.")
     ] = "",
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a study is already.")
-    ] = False,
-    as_json: Annotated[bool, AS_JSON] = False,
+    force: Annotated[bool, start_over("a study")] = False,
+    as_json: AsJson = False,
     progress: ShowProgress = False,
 ) -> None:
     """One study; which one, the command's name says."""
@@ -177,9 +173,7 @@ def _describe_progress(progress: "Progress") -> str:
     return ", ".join(words)
 
 
-def show(
-    file: Annotated[Path, _FILE], as_json: Annotated[bool, AS_JSON] = False
-) -> None:
+def show(file: Annotated[Path, _FILE], as_json: AsJson = False) -> None:
     """Show a finished or interrupted study."""
     _show_study(file, as_json)
 
