@@ -92,7 +92,7 @@ def print_import(report: "ImportReport", path: Path) -> None:
 
 
 def _describe_offset(offset: "Offset") -> str:
-    """By how much a clock is off, and what would mend it."""
+    """By how much a clock is off, and what would correct it."""
     late, low, high = (1000 * s for s in (offset.seconds, offset.low, offset.high))
     said = (
         f"{offset.stream}: its clock is {late:.1f} ms ({low:.1f} to {high:.1f}) late "

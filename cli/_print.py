@@ -27,10 +27,14 @@ def print_json(result: Mapping[str, Any]) -> None:
     print(json.dumps(result, allow_nan=False), flush=True)
 
 
-def print_line(line: str, *, is_error: bool = False) -> None:
-    """Print a line, perhaps to standard error."""
-    stream = sys.stderr if is_error else sys.stdout
-    print(make_printable(line), file=stream, flush=True)
+def print_line(line: str) -> None:
+    """Print a line."""
+    print(make_printable(line), flush=True)
+
+
+def print_error(line: str) -> None:
+    """Print a line to standard error."""
+    print(make_printable(line), file=sys.stderr, flush=True)
 
 
 def print_paragraph(text: str, indent: str = "") -> None:

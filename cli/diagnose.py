@@ -15,7 +15,7 @@ import typer
 from selfheal.printable import join_names
 
 from ._options import AsJson, Force, Seed, complete, list_faults, out_file, out_folder
-from ._print import print_json, print_line, print_table, print_text
+from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
@@ -124,7 +124,7 @@ def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], b
         yield pressed.is_set
     except KeyboardInterrupt:
         if memory.exists():
-            print_line("selfheal: --resume goes on where this was", is_error=True)
+            print_error("selfheal: --resume goes on where this was")
         raise
     finally:
         signal.signal(signal.SIGINT, earlier)
@@ -225,7 +225,7 @@ def replay(
     predicted = replace(predicted, source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
-    told = {
+    document = {
         "format": "selfheal-replay",
         "version": 1,
         "diagnosis": str(folder),
@@ -237,11 +237,11 @@ def replay(
         "seconds": round(time.perf_counter() - start, 1),
     }
     if as_json:
-        print_json(told)
+        print_json(document)
     else:
         print_line(
-            f"{out}: {told['episodes']} episodes, {told['samples']} samples predicted "
-            f"in {told['seconds']} s"
+            f"{out}: {document['episodes']} episodes, {document['samples']} samples "
+            f"predicted in {document['seconds']} s"
         )
 
 

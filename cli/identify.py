@@ -76,17 +76,19 @@ def identify(
         raise InputError("give either --robot NAME or --resume RUN.h5")
     with ProgressBar("starting", as_json=as_json, asked=progress) as live:
         show = _CycleProgress(live)
-        told: dict[str, Any] = {"progress": show, "on_step": show.show_cycle,
-                                "on_stage": DiagnosisProgress(live)}  # fmt: skip
+        stage = DiagnosisProgress(live)
         if resume is not None:
             refuse_settings(context)
-            run = run_identify(resume=resume, **told)
+            run = run_identify(
+                resume=resume, progress=show, on_step=show.show_cycle, on_stage=stage
+            )
         else:
             run = run_identify(
                 robot, recordings=recordings, method=method, space=space,
                 known_lengths=known_lengths, random_actions=random_actions,
                 engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
-                out=RunFolder(out, force), force=force, **told,
+                out=RunFolder(out, force), force=force,
+                progress=show, on_step=show.show_cycle, on_stage=stage,
             )  # fmt: skip
     if as_json:
         print_json(run.result)
@@ -147,11 +149,11 @@ class _CycleProgress:
 
         cycle = run.cycles[-1]
         action = describe_action(run.anatomy, run.actions[cycle.action])
-        told = (
+        line = (
             f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
             f"disagreement {cycle.disagreement:.1f} deg"
         )
-        self.live.say(told, head=f"{len(run.cycles):>2}")
+        self.live.say(line, head=f"{len(run.cycles):>2}")
 
 
 def _print_result(run: "Run", files: list[Path]) -> None:
@@ -225,7 +227,7 @@ def _summarize_run(run: "Run") -> Iterator[str]:
 
 
 def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
-    """What moves over time told, a line each."""
+    """What moves over time showed, a line each."""
     from selfheal.diagnosis.output.storage import read_document
     from selfheal.errors import SelfhealError
     from selfheal.report.phrases import state_verdict

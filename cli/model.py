@@ -69,8 +69,8 @@ def prepare(
     out.parent.mkdir(parents=True, exist_ok=True)
     write_model(done, out)
     if as_json:
-        told = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
-        print_json({**told, "out": str(out), "steps": list(done.steps)})
+        document = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
+        print_json({**document, "out": str(out), "steps": list(done.steps)})
         return
     for step in done.steps:
         print_line(step)

@@ -205,10 +205,10 @@ def _format_phase(run: "RecoverRun") -> str:
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
-    told = {"original": "whole, the first controller", "failure": "broken, the same",
+    done = {"original": "whole, the first controller", "failure": "broken, the same",
             "trial": f"{turn}: tried on the robot",
             "hardware": "evolved on the robot"}[kind]  # fmt: skip
-    return f"{told}: {phase['way']:.2f} m"
+    return f"{done}: {phase['way']:.2f} m"
 
 
 def _print_results(runs: Sequence["RecoverRun"]) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._options import AsJson, make_epilog, out_folder, resume_from, start_over
-from ._print import print_json, print_line, print_table, print_text
+from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -108,10 +108,9 @@ def _begin_study(
         if folder is not None and not folder.is_dir():
             raise InputError(f"{option}{folder}: there is no such folder")
     if "recordings" in given and asked.recordings is None:
-        print_line(
+        print_error(
             "no --recordings FOLDER with readings of the robot of 2006: the hidden "
-            "simulated robot alone",
-            is_error=True,
+            "simulated robot alone"
         )
     folders = {k: f.resolve() for k in ("recordings", "cases")
                if (f := getattr(asked, k)) is not None}  # fmt: skip
@@ -148,7 +147,7 @@ def _finish_study(
                 here = p.session + p.total - p.done  # runs of this session
                 live.show(_describe_progress(p), p.session / max(here, 1))
     except KeyboardInterrupt:
-        print_line(_describe_left(load_study(path), path), is_error=True)
+        print_error(_describe_left(load_study(path), path))
         raise typer.Exit(130) from None  # as shells say of a program that was stopped
     _show_study(path, as_json)
 

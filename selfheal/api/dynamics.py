@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..body.body import Bodies
-    from ..recording import Episode, Recording
+    from ..body.body import Bodies, Floats
+    from ..recording import Episode, Recording, Signal
     from ..robot.base import Mover, Robot
     from ..selfmodel.run import Run
 
@@ -58,7 +58,7 @@ def identify_dynamics(
         robot: that it found it of.
         path: of the run file; all that is written lies beside it.
         model: path of the best body.
-        stage: told what is being done, and the share (0 to 1) of it.
+        stage: called with what is being done, and the share (0 to 1) of it.
 
     Returns:
         What the run's result says of it, see `selfmodel.read_run.DynamicsResult`.
@@ -95,7 +95,7 @@ def identify_dynamics(
     }
 
 
-def _move(robot: "Mover", commands: Any, path: Path, stage: Stage) -> "Recording":
+def _move(robot: "Mover", commands: "Floats", path: Path, stage: Stage) -> "Recording":
     """The recording of all moves; that of a run that was killed since is taken."""
     from ..recording import Recording, read, write
 
@@ -110,7 +110,7 @@ def _move(robot: "Mover", commands: Any, path: Path, stage: Stage) -> "Recording
 
 
 def _lies_still(moved: "Recording") -> bool:
-    """Whether the torso's vertical stays where it was, and no foot felt the floor."""
+    """Whether the torso's vertical stays where it was and no foot touched the floor."""
     import numpy as np
 
     from ..gait.excitation import STILL
@@ -143,7 +143,7 @@ def _keep_readings(moved: "Recording", body: "Bodies", is_held: bool) -> "Record
 
     sensors = {sensor.name for sensor in build_spec(body).sensors}
 
-    def is_kept(signal: Any) -> bool:
+    def is_kept(signal: "Signal") -> bool:
         if is_held:
             return bool(signal.kind.startswith("joint_"))
         return signal.kind != "sensor" or signal.target in sensors

@@ -75,7 +75,7 @@ class LeggedRobot:
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """(P) names of the parts that can be lost, as they hang in the tree."""
+        """(P) names of the parts that can be lost, in the order of the tree."""
         return tuple(self.model.body(k).name for k in range(2, self.model.nbody))
 
     @cached_property
@@ -151,8 +151,8 @@ def load_legged_robot(
 def reduce_damages(robot: LeggedRobot, damages: Sequence[Damage]) -> tuple[Damage, ...]:
     """Damages in one order, without those that others among them already say.
 
-    What hangs on a lost part is lost, nothing of it jams or is driven, and the angle
-    sensor of a broken joint is gone.
+    Descendants of a lost part are lost, nothing of them jams or is driven, and the
+    angle sensor of a broken joint is gone.
     """
     kept = dict.fromkeys(damages)
     for damage in damages:

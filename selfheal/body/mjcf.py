@@ -71,7 +71,7 @@ def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
 
 
 def _add_part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
-    """Hang part i + 1 of body `row` on its parent."""
+    """Attach part i + 1 of body `row` to its parent."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
     turn, bend = bodies.heading[row, i] / 2, (a.bends[i] if a.bends else 0.0) / 2
     c, s = np.array([np.cos([turn, bend]), np.sin([turn, bend])])
@@ -293,7 +293,7 @@ def _find_geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
 
 
 def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
-    """What the parts are, without how they hang together."""
+    """What the parts are, without how they are attached."""
     box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
     bodies = [spec.body(model.body(b).name) for b in ids]
     torso = _find_geom(path, bodies[int(np.argmin(parent))].parent, box, True)

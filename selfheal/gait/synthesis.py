@@ -198,7 +198,7 @@ def synthesize_gaits(
         heading: direction to walk [rad].
         seed: of everything random.
         start: a gait that one of the searches starts from.
-        progress: told what is done and how much of it.
+        progress: called with what is done and how much of it.
     """
     search = _GaitSearch(plants, weights, name, heading, np.random.default_rng(seed))
     lives = _start_searches(search, start, rungs[0])

@@ -307,7 +307,7 @@ def _from_urdf(path: str) -> str:
 
 
 def describe_refusal(path: str, error: Exception) -> str:
-    """MuJoCo's reason for refusing a file, in one line, and what would mend a mesh."""
+    """MuJoCo's reason for refusing a file, in one line, and a mesh's remedy."""
     reason = " ".join(str(error).split())
     return f"{path}: MuJoCo cannot read it: {reason}{explain_mesh(reason)}"
 

@@ -221,7 +221,7 @@ def estimate_damage(
             was whole.
         known: what was believed before the last trial; if one of them still explains
             all, there is nothing to look for.
-        progress: told what share is done.
+        progress: called with what share is done.
     """
     scale = _compute_trusted_scale(robot, trims, trials[0].weights, before)
     seen = _Evidence(robot, trims, trials, scale, before)

@@ -53,7 +53,7 @@ def fit_physics(
         weights: (W) of the controller's synapses [1].
         sensed: (T, S) what the whole robot sensed; see `engine.reflex.Rollouts`.
         rng: draws where to look.
-        progress: told what share is done.
+        progress: called with what share is done.
 
     Returns:
         See `engine.reflex.scale_physics`; one row of ones where the model is right

@@ -73,7 +73,8 @@ def heal_for_hours(
         weights: (K) how likely each is.
         settings: with hours.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: told the phase, what is done, and the share of the hours that is over.
+        progress: called with the phase, what is done, and the share of the hours
+            that is over.
     """
     run = run or HealRun(settings)
     for heal in run.heals:
@@ -132,9 +133,9 @@ class _Hours:
         first = heals[0].phases.get("gait")
         past = Past(list_believed(heals[:-1]), watch, _TRIALS * (len(heals) - 1),
                     read_gait(first) if first else None)  # fmt: skip
-        told = partial(self._tell, start)
+        report = partial(self._tell, start)
         return HealPhases(
-            states, self.models, self.weights, heals[-1].settings, told, past
+            states, self.models, self.weights, heals[-1].settings, report, past
         )
 
     def _strike_robot(self, time: float, until: float = np.inf) -> Walker:

@@ -208,8 +208,10 @@ class HealPhases:
         """It walks on, breaks at some time, and notices."""
         gait = read_gait(done["gait"])
         predicted = self._predict_channels(gait, WATCHING_TIME)
-        felt = done["whole"]["felt"]
-        known = learn_baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
+        measured = done["whole"]["felt"]
+        known = learn_baseline(
+            measured, predicted[: len(measured)], gait.cycle, self.channels
+        )
         ways: list[float] = []
         for shift, robot in enumerate(self.robots.watched):
             share = shift / len(self.robots.watched)
@@ -249,9 +251,9 @@ class HealPhases:
             rng = np.random.default_rng([self.settings.seed, 21])
             known = find_plausible_plants(self.plants[0], walk, whole, rng)
             self.posterior = DamagePosterior(self.plants[0], actions, guesses, known)
-            for told in run.actions:
+            for taken in run.actions:
                 self.posterior.record_action(
-                    TakenAction(told["probe"], told["why"], told["values"])
+                    TakenAction(taken["probe"], taken["why"], taken["values"])
                 )
         return self.posterior
 
@@ -361,6 +363,11 @@ def _format_hypothesis(damage: Damage, chance: float) -> dict[str, Any]:
     """A hypothesis as a phase keeps it."""
     extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
     return {**damage.document, **extra}
+
+
+def describe_belief(believed: Mapping[str, Any]) -> str:
+    """A hypothesis with its probability, in words."""
+    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
 def read_damage(believed: Mapping[str, Any]) -> Damage:

@@ -83,7 +83,7 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
 
 
 def infer_damage(
-    known: ActionTables, rng: np.random.Generator, *, chosen: bool = True
+    known: ActionTables, rng: np.random.Generator, *, chosen: bool
 ) -> Iterator[tuple[int, Floats]]:
     """Belief after one more action each, until every action was taken.
 

@@ -106,8 +106,8 @@ def _score_move(
     sensed = [*moved, trial.sensors[:rows]]
     fits = np.empty((len(sensed), len(trims), len(belief.hypotheses), rows))
     for k, trim in enumerate(trims):
-        told = simulate_hypotheses(robot, trim, belief.hypotheses, weights, rows)
+        predicted = simulate_hypotheses(robot, trim, belief.hypotheses, weights, rows)
         for n, series in enumerate(sensed):
-            fit = score_series(told.sensors, series, scale)
-            fits[n, k] = np.where(told.failed[:, None], -np.inf, fit)
+            fit = score_series(predicted.sensors, series, scale)
+            fits[n, k] = np.where(predicted.failed[:, None], -np.inf, fit)
     return fits

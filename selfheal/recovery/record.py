@@ -339,8 +339,8 @@ class HealRun(PhasedRun):
             return "the settings have not as many onsets as damages"
         if self.settings.hours:
             raised = [heal.phases.get("alarm", {}).get("alarm") for heal in self.heals]
-            told = [event["alarm"] for event in self.result.get("events", ())]
-            if self.result and sum(map(bool, raised)) != sum(map(bool, told)):
+            stated = [event["alarm"] for event in self.result.get("events", ())]
+            if self.result and sum(map(bool, raised)) != sum(map(bool, stated)):
                 return "the result and the phases differ in how many alarms there were"
             return ""
         left = self.list_next_phases(self.settings, tuple(self.phases))

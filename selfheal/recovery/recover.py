@@ -80,7 +80,7 @@ def recover_robot(
         robot: while it is whole.
         settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: told the phase, what is done, and how much of it.
+        progress: called with the phase, what is done, and how much of it.
     """
     work = RecoverPhases(robot, settings, progress)
     return run_phases(run or RecoverRun(settings), work.run_next, summarize_run)
@@ -152,10 +152,10 @@ class RecoverPhases:
     def _fit_physics(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
         """How the robot may be off its model, by how it walked."""
 
-        def told(share: float) -> None:
+        def report(share: float) -> None:
             self.progress(name, "fitting the model", share)
 
-        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, told)
+        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, report)
 
     def _run_failure(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -191,12 +191,12 @@ class RecoverPhases:
         """What may have broken, by the sensors' series."""
         whole = run.phases["original"]
 
-        def told(share: float) -> None:
+        def report(share: float) -> None:
             self.progress(name, f"{len(run.trials)} trials", share)
 
         known = [h for p in run.estimates for h in read_hypotheses(p)]
         belief = estimate_damage(
-            self.legged, whole["trims"], run.trials, whole["sensed"], known, told
+            self.legged, whole["trims"], run.trials, whole["sensed"], known, report
         )
         refuted = bool(list(run.phases.values())[-1].get("refuted"))
         return {"believed": serialize_hypotheses(belief.hypotheses),

@@ -351,11 +351,11 @@ def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
                 or (h == () and damage == INTACT) for h in believed]  # fmt: skip
         return sum(p for p, one in zip(chance, said, strict=True) if one)
 
-    told = [
+    marginals = [
         {**d.document, "probability": round(share(d), 4)}
         for d in believed[0] or (INTACT,)
     ]
-    return sorted(told, key=lambda d: -float(d["probability"]))
+    return sorted(marginals, key=lambda d: -float(d["probability"]))
 
 
 def is_damage_named(run: RecoverRun) -> bool | None:

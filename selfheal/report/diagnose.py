@@ -56,7 +56,7 @@ def make_diagnosis_page(
     """The page of a diagnosis, as one self-contained HTML text.
 
     Args:
-        diagnosis: to be told.
+        diagnosis: to be shown.
         model: the file that was given.
         recordings: the files that it was compared with.
     """

@@ -194,18 +194,18 @@ def _make_sureness_section(run: Run) -> Section:
 
 
 def _make_dynamics_section(run: Run) -> Section:
-    """What moves over time told, and how much it helps."""
-    told = run.result["dynamics"]
+    """What moves over time showed, and how much it helps."""
+    found = run.result["dynamics"]
     how = (
         "The torso lay still on the floor, no limb touched that, and the joints alone "
         "are explained."
-        if told["held"]
+        if found["held"]
         else "Limbs touched the floor, and all sensors are explained."
     )
     rows = [
-        ("best.xml", format_number(told["given"])),
-        ("with what the moves told", format_number(told["patched"])),
-        ("noise alone", format_number(told["floor"])),
+        ("best.xml", format_number(found["given"])),
+        ("with what the moves told", format_number(found["patched"])),
+        ("noise alone", format_number(found["floor"])),
     ]
     head = ("predicted by", "error on a held-out move, in standard deviations")
     where = "The page of the diagnosis is dynamics/report.html."

@@ -37,7 +37,7 @@ _DASH, _BREAK = "\N{EN DASH}", Html("<br>")
 
 
 def format_tree(run: Run) -> Html:
-    """A row a part: what it hangs on, where, how long, how sure, right or wrong."""
+    """A row a part: its parent, where on it, how long, how sure, right or wrong."""
     best = run.cycles[-1].genomes
     head, align = ["#", "part", "hangs on", "at its side", "length [mm]"], "rlllr"
     full = run.settings.space == "full"

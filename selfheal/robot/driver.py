@@ -86,8 +86,8 @@ class FollowsByClass(DrivenByClass):
             InputError: the class does not give what was read, and when.
         """
         joints = self.anatomy.joints
-        told = dict(zip(joints, commands.T.tolist(), strict=True))
-        said = self.driver.follow(told, PERIOD)  # type: ignore[attr-defined]
+        targets = dict(zip(joints, commands.T.tolist(), strict=True))
+        said = self.driver.follow(targets, PERIOD)  # type: ignore[attr-defined]
         kinds = _list_signals_over_time(self.anatomy)
         if "time" not in said or not kinds.keys() & said.keys():
             gave = join_names(sorted(map(str, said)))

@@ -41,19 +41,21 @@ class _Outcome:
     distance: Distances
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
+def _list_tasks(request: StudyRequest) -> list[Task]:
     return [
         Task(f"{robot} {number} {seed}",
              {"robot": robot, "scenario": number, "seed": seed})
-        for seed in asked.seeds for robot in LEGGED for number in TABLE
+        for seed in request.seeds for robot in LEGGED for number in TABLE
     ]  # fmt: skip
 
 
 def _run_task(settings: Mapping[str, Any]) -> Outcome:
     robot, number, seed = (settings[k] for k in ("robot", "scenario", "seed"))
     body = load_legged_robot(robot)
-    asked = RecoverSettings(robot, number, draw_scenario(number, body, seed), seed=seed)
-    *_, run = recover_robot(SimulatedLegs(body, seed), asked)
+    run_settings = RecoverSettings(
+        robot, number, draw_scenario(number, body, seed), seed=seed
+    )
+    *_, run = recover_robot(SimulatedLegs(body, seed), run_settings)
     kept = ("damage", "hypotheses", "actions", "distance")
     return {"named": is_damage_named(run), **{key: run.result[key] for key in kept}}
 
@@ -68,15 +70,7 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     rows = []
     for robot in LEGGED:
         for number in TABLE:
-            rs = [
-                r
-                for r in records
-                if (
-                    r["settings"]["robot"] == robot
-                    and r["settings"]["scenario"] == number
-                )
-            ]
-            if rs:
+            if rs := select_records(records, robot=robot, scenario=number):
                 rows.append((robot, f"{number}: {SCENARIOS[number]}", *_format_row(rs)))
     ways = [_compute_recovered_share(r) for r in records]
     text = (
@@ -102,14 +96,14 @@ def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
         [r["outcome"]["distance"][k] or 0.0 for r in rs]
         for k in ("intact", "damaged", "healed")
     ]
-    told = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
+    named = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
     return (
         f"{len(rs):,}",
         *(format_mean_std(way) for way in ways),
         format_share(
             sum(_compute_recovered_share(r) >= RECOVERED_SHARE for r in rs), len(rs)
         ),
-        format_share(sum(told), len(told)) if told else "",
+        format_share(sum(named), len(named)) if named else "",
         format_mean_std([r["outcome"]["actions"] for r in rs], 1),
     )
 

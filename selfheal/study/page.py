@@ -33,10 +33,10 @@ def describe_progress(results: Results) -> str:
     """How much of a study was done, in a sentence."""
     spent = sum(record["seconds"] for record in results.records.values())
     most = max((r["megabytes"] for r in results.records.values()), default=0)
-    told = f"{len(results.records):,} of {len(results.tasks):,} runs done"
+    progress = f"{len(results.records):,} of {len(results.tasks):,} runs done"
     if results.failed:
-        told += f", {len(results.failed):,} of them failed"
-    return f"{told}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
+        progress += f", {len(results.failed):,} of them failed"
+    return f"{progress}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
 
 
 def _describe_versions(results: Results) -> str:
@@ -56,8 +56,8 @@ def make_study_page(results: Results, tables: Sequence[Table]) -> str:
     if failed:
         body = make_table(("run", "error"), failed, "ll")
         sections.append(Section("Runs that failed", (body,)))
-    told = make_paragraph(describe_progress(results), " ", _describe_versions(results))
-    sections.append(Section("How it was made", (told,)))
+    made = make_paragraph(describe_progress(results), " ", _describe_versions(results))
+    sections.append(Section("How it was made", (made,)))
     return make_page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
                 lead=study.about)  # fmt: skip
 

@@ -114,7 +114,7 @@ class Study:
     find_outcome: Callable[[Mapping[str, Any]], Any] = lambda settings: dict[str, Any]
 
 
-def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:
+def select_records(records: Sequence[Record], **wanted: object) -> list[Record]:
     """Records of runs that had certain settings."""
     return [r for r in records if all(r["settings"][k] == v for k, v in wanted.items())]
 

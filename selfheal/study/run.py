@@ -47,8 +47,10 @@ def begin_study(path: Path, name: str, asked: StudyRequest) -> None:
         raise InputError(f"the runs must be positive; not {asked.runs}")
     check_seed(asked.seed)
     tasks = find_study(name).list_tasks(asked)
-    told = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()}
-    create_study(path, name, told, tasks)
+    request = {
+        k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()
+    }
+    create_study(path, name, request, tasks)
 
 
 def continue_study(

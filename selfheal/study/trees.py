@@ -18,7 +18,7 @@ from ..robot.open_robot import open_robot
 from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
-from .calibration import Pairs
+from .calibration import Pairs, make_reliability_table
 from .plan import Outcome, Record, Table
 from .statistics import format_pooled_correlation, format_rank_correlation
 
@@ -106,7 +106,7 @@ def _count_searched(counts: Mapping[str, int]) -> int:
 def list_statements(records: Sequence[Record]) -> Pairs:
     """What runs said of each attachment: stated probability, whether it is right.
 
-    Part 1 has nothing but the torso to hang on, and is left out; NaN states nothing.
+    Part 1 has nothing but the torso as its parent, and is left out; NaN states nothing.
     """
     return [
         pair
@@ -116,6 +116,15 @@ def list_statements(records: Sequence[Record]) -> Pairs:
         )
         if isfinite(pair[0])
     ]
+
+
+def make_attachment_table(title: str, statements: Pairs) -> Table:
+    """Calibration of attachments that our runs stated."""
+    text = (
+        "Our runs, with chosen and with random actions: the stated probability of each "
+        "attachment but part 1's, which cannot be wrong."
+    )
+    return make_reliability_table(title, text, statements)
 
 
 def extract_column(records: Sequence[Record], name: str) -> list[Any]:
