@@ -1,14 +1,13 @@
 """What several commands share: options, words that a shell completes, ends of helps."""
 
 from collections.abc import Callable, Iterable
-from typing import Annotated
 
 import typer
 from typer.models import OptionInfo
 
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object for scripts.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite what is at --out.")]
-Seed = Annotated[int, typer.Option(help="Of everything random.")]
+AS_JSON = typer.Option("--json", help="One JSON object for scripts.")
+FORCE = typer.Option("--force", help="Overwrite what is at --out.")
+SEED = typer.Option(help="Of everything random.")
 # pages of the documentation, from the top of the repository
 _DOCS = "docs"
 

@@ -14,7 +14,7 @@ import typer
 
 from selfheal.printable import join_names
 
-from ._options import AsJson, Force, Seed, complete, list_faults, out_file, out_folder
+from ._options import AS_JSON, FORCE, SEED, complete, list_faults, out_file, out_folder
 from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
@@ -54,7 +54,7 @@ def diagnose(
         ),
     ] = None,
     no_check: Annotated[list[str] | None, _NO_CHECK] = None,
-    seed: Seed = 0,
+    seed: Annotated[int, SEED] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
     ] = False,
@@ -67,7 +67,7 @@ def diagnose(
     minutes: Annotated[
         float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
     ] = 30.0,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find where a model and recordings differ, and which physics is missing."""
@@ -208,8 +208,8 @@ def replay(
         Path | None,
         typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Predict what the robot does, by the patched model, open loop."""
@@ -286,7 +286,7 @@ def _is_prediction(path: Path) -> bool:
         return False
 
 
-def effects(as_json: AsJson = False) -> None:
+def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the physics that can be found missing."""
     from selfheal.diagnosis.effects import load_catalogue
 

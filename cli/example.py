@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._options import AsJson, complete, list_examples, out_folder
+from ._options import AS_JSON, complete, list_examples, out_folder
 from ._print import print_json, print_line
 from ._runs import choose_run_folder
 
@@ -20,7 +20,7 @@ def example(
         ),
     ],
     out: Annotated[Path | None, out_folder("runs/example-NAME")] = None,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Write a model, a log of its robot with something concealed, and what to type."""
     from selfheal.example import make_example

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._options import AsJson, Force, complete, list_formats
+from ._options import AS_JSON, FORCE, complete, list_formats
 from ._print import print_json, print_line
 from ._runs import refuse_existing
 
@@ -28,8 +28,8 @@ def export(
         Path | None,
         typer.Option(metavar="FILE", help="Where it goes; without it FILE.FORMAT."),
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Write a recording for another program to plot."""
     from selfheal.errors import InputError, UnknownNameError

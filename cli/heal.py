@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._options import (
-    AsJson,
-    Seed,
+    AS_JSON,
+    SEED,
     complete,
     list_damages,
     out_folder,
@@ -58,8 +58,8 @@ def gait(
     run: Annotated[Path, _RUN],
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Seed = 0,
-    as_json: AsJson = False,
+    seed: Annotated[int, SEED] = 0,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
@@ -106,11 +106,11 @@ def heal(
     hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Seed = 0,
+    seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/heal-ROBOT-SEED")] = None,
     resume: Annotated[Path | None, resume_from("HEAL.h5", "a heal")] = None,
     force: Annotated[bool, start_over("a heal")] = False,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
@@ -159,7 +159,7 @@ def watch(
         float | None,
         typer.Option(help="Seconds in which commands repeat; found in them."),
     ] = None,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Say when a recording stopped fitting a body."""
     from selfheal.body.mjcf import load

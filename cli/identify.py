@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ._options import (
-    AsJson,
-    Seed,
+    AS_JSON,
+    SEED,
     complete,
     list_robot_names,
     out_folder,
@@ -58,12 +58,12 @@ def identify(
         int | None, typer.Option(help="Actions to try; 16 by default.")
     ] = None,
     budget: Annotated[int | None, _BUDGET] = None,
-    seed: Seed = 0,
+    seed: Annotated[int, SEED] = 0,
     moves: Annotated[int, _MOVES] = 0,
     out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
     resume: Annotated[Path | None, resume_from("RUN.h5", "a run")] = None,
     force: Annotated[bool, start_over("a run")] = False,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Find out what a robot's body is."""
@@ -244,7 +244,7 @@ def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
 
 def show(
     file: Annotated[Path, typer.Argument(metavar="RUN.h5", help="A run.")],
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
@@ -273,7 +273,7 @@ def show(
         )
 
 
-def robots(as_json: AsJson = False) -> None:
+def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the robots that can be asked."""
     from selfheal.robot.open_robot import list_robots as listed
 

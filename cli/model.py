@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from ._options import AsJson, Force, make_epilog, out_file
+from ._options import AS_JSON, FORCE, make_epilog, out_file
 from ._print import print_json, print_line
 from ._runs import refuse_existing
 
@@ -53,8 +53,8 @@ def prepare(
         list[str] | None,
         typer.Option(metavar="JOINT", help="A joint that gets no drive; once each."),
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Write the MJCF of a robot with a drive at every joint that lacks one."""
     from selfheal.preparation.drives import Gains

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import AsJson, Force, make_epilog
+from ._options import AS_JSON, FORCE, make_epilog
 from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress
 from ._runs import refuse_existing
@@ -49,7 +49,7 @@ def check(
             help="The map it was imported by: say which of its rules to replace.",
         ),
     ] = None,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Say what a recording holds; refuse one that breaks the contract.
 
@@ -120,8 +120,8 @@ def import_log(
             help="Where the recording goes; with --guess the map, without it map.toml.",
         ),
     ] = None,
-    force: Force = False,
-    as_json: AsJson = False,
+    force: Annotated[bool, FORCE] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Make a recording of a log: CSV, Parquet, ROS bag, LeRobot, JSON, NPZ, MAT ..."""

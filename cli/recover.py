@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ._options import (
-    AsJson,
-    Seed,
+    AS_JSON,
+    SEED,
     complete,
     list_legged_robots,
     list_scenarios,
@@ -61,13 +61,13 @@ def recover(
         float,
         typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
     ] = 0.0,
-    seed: Seed = 0,
+    seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[
         Path | None, resume_from("RECOVER.h5", "a run or a folder of runs")
     ] = None,
     force: Annotated[bool, start_over("a run")] = False,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import AsJson, make_epilog, out_folder, resume_from, start_over
+from ._options import AS_JSON, make_epilog, out_folder, resume_from, start_over
 from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -60,7 +60,7 @@ def _run_study(
         str, typer.Option(metavar="failed", help="With --resume: failed runs again.")
     ] = "",
     force: Annotated[bool, start_over("a study")] = False,
-    as_json: AsJson = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """One study; which one, the command's name says."""
@@ -172,7 +172,9 @@ def _describe_progress(progress: "Progress") -> str:
     return ", ".join(words)
 
 
-def show(file: Annotated[Path, _FILE], as_json: AsJson = False) -> None:
+def show(
+    file: Annotated[Path, _FILE], as_json: Annotated[bool, AS_JSON] = False
+) -> None:
     """Show a finished or interrupted study."""
     _show_study(file, as_json)
 

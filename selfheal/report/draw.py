@@ -74,7 +74,7 @@ class Camera:
         return np.array([right, np.cross(toward, right), toward])
 
     def move(self, x: float, y: float) -> "Camera":
-        """The same view with its target at another place of the picture."""
+        """This view with its target at another place of the picture."""
         return replace(self, at=np.array([x, y, 0.0]))
 
     def project(self, points: Floats) -> Floats:
