@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from .changes import list_subtree
 from .damage import Damage
+
+if TYPE_CHECKING:
+    import mujoco
 
 LEGGED = ("hexapod", "quadruped")
 REACHES = (30.0, 45.0)  # [deg] overview.txt 4.2.1 and 4.2.2
@@ -46,7 +49,7 @@ class LeggedRobot:
     name: str
     reach: float
     apart: bool
-    model: Any
+    model: "mujoco.MjModel"
 
     @cached_property
     def motors(self) -> tuple[str, ...]:

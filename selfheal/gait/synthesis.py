@@ -75,14 +75,14 @@ class Gait:
 
 
 def project_on_heading(position: Floats, heading: float) -> tuple[Floats, Floats]:
-    """Way along and across a heading [m] of positions (..., 2 or more)."""
+    """Distance along and across a heading [m] of positions (..., 2 or more)."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = position[..., 0], position[..., 1]
     return c * x + s * y, c * y - s * x
 
 
-def measure_way(position: Floats, orientation: Floats, heading: float) -> float:
-    """Way of a walk along the heading, as the robot faces each `SECONDS` anew [m].
+def measure_distance(position: Floats, orientation: Floats, heading: float) -> float:
+    """Distance of a walk along the heading, as the robot faces each `SECONDS` anew [m].
 
     A gait has no compass: what curves a little in that time is far off its heading
     after a few of them, and still carries the robot where it faces.

@@ -23,7 +23,7 @@ from ..gait.synthesis import (
     THREE_GAITS,
     Gait,
     evaluate_gait,
-    measure_way,
+    measure_distance,
     project_on_heading,
     synthesize_gaits,
 )
@@ -176,7 +176,7 @@ class HealPhases:
         }
 
     def _measure_distance(self, path: Floats) -> float:
-        """Way along the heading after `SECONDS` [m]."""
+        """Distance along the heading after `SECONDS` [m]."""
         last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
@@ -212,7 +212,7 @@ class HealPhases:
         known = learn_baseline(
             measured, predicted[: len(measured)], gait.cycle, self.channels
         )
-        ways: list[float] = []
+        distances: list[float] = []
         for shift, robot in enumerate(self.robots.watched):
             share = shift / len(self.robots.watched)
             self.progress("alarm", "walking and watching", share)
@@ -221,7 +221,7 @@ class HealPhases:
             seen = watch_walk(now, predicted, known, self.channels)
             end = round(seen.alarm.time / SAMPLE) if seen.alarm else len(now)
             path = read_position(walked)[:end], read_orientation(walked)[:end]
-            ways.append(measure_way(*path, self.settings.heading))
+            distances.append(measure_distance(*path, self.settings.heading))
             if seen.alarm:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
@@ -233,7 +233,7 @@ class HealPhases:
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
         return {
             "alarm": alarm,
-            "ways": ways,
+            "ways": distances,
             "angles": np.radians(angles),
             "time": seen.time + before,
             "sums": seen.sums,
@@ -312,11 +312,11 @@ class HealPhases:
             progress=partial(self.progress, name),
         )  # fmt: skip
         rivals = [*new, evaluate_gait(plants, old, weights=weights, seed=seed)]
-        ways = []
+        distances = []
         for k, gait in enumerate(rivals):
             self.progress(name, f"walking gait {k + 1} of {len(rivals)}", 1.0)
-            ways.append(self._walk_damaged(gait, 150 + k)["distance"])
-        return rivals[int(np.argmax(np.nan_to_num(ways, nan=-np.inf)))]
+            distances.append(self._walk_damaged(gait, 150 + k)["distance"])
+        return rivals[int(np.argmax(np.nan_to_num(distances, nan=-np.inf)))]
 
     def _walk_damaged(self, gait: Gait, trial: int) -> dict[str, Any]:
         """A gait on the broken robot: its path, and how far it came."""

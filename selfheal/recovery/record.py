@@ -171,7 +171,7 @@ class HoursResult:
         robot: its name.
         hours: that it walked, alarms and all [h].
         intact: speed when whole [m/min].
-        distance: walked, see `gait.synthesis.measure_way` [m].
+        distance: walked, see `gait.synthesis.measure_distance` [m].
         kept: share of what a robot that stays whole would have walked [1].
         kept_first: the same had it kept its first gait, by a walk after each alarm [1].
         events: in order of time.

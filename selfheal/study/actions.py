@@ -1,8 +1,7 @@
 """Study `actions`: with few actions, does it pay to choose them, and by which score?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median
-from typing import Any
 
 from ..errors import InputError
 from .calibration import make_reliability_picture
@@ -14,7 +13,16 @@ from .methods import (
     make_test_table,
     run_method,
 )
-from .plan import Outcome, Picture, Record, Study, StudyRequest, Table, Task
+from .plan import (
+    Outcome,
+    Picture,
+    Record,
+    RunSettings,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+)
 from .statistics import format_mean_std, format_share
 from .trees import (
     REAL,
@@ -44,7 +52,7 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     return run_method(settings, cycles=CYCLES, budget=BUDGET)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..api import diagnose
 from ..errors import InputError
 from ..schema import Count, Number
-from .plan import Outcome, Record, Study, StudyRequest, Table, Task
+from .plan import Outcome, Record, RunSettings, Study, StudyRequest, Table, Task
 from .statistics import format_mean_std, format_share, run_homogeneity_test
 
 _COLUMNS = ("given", "refit", "patched", "explainable_removed")
@@ -104,7 +104,7 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     model, recording = settings["model"], settings["recording"]
     found = diagnose(model, recording, seed=settings["seed"])
     Path(settings["out"]).parent.mkdir(exist_ok=True)

@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
 
 from ..selfmodel.run import Settings
-from .plan import Outcome, Picture, Record, Table, select_records
+from .plan import Outcome, Picture, Record, RunSettings, Table, select_records
 from .statistics import run_fisher_test, run_permutation_test
 from .trees import evaluate_identification, extract_column, open_study_robot
 
@@ -20,7 +19,7 @@ METHODS = {
 OURS = ("ours", "ours, random")
 
 
-def run_method(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outcome:
+def run_method(settings: RunSettings, *, cycles: int, budget: int) -> Outcome:
     """A self-modeling by "method" of the settings; attachments are looked for anywhere.
 
     Args:

@@ -54,7 +54,7 @@ def begin_study(path: Path, name: str, asked: StudyRequest) -> None:
 
 
 def continue_study(
-    path: Path, place: Workplace, *, only_failed: bool = False
+    path: Path, place: Workplace, *, only_failed: bool
 ) -> Iterator[Progress]:
     """Do what is left of a study, a yield whenever there is news.
 

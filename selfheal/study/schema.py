@@ -1,6 +1,6 @@
 """Study `schema`: paper C's lengths from seven sensor sets, and its 8 x 4 matrix."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -28,6 +28,7 @@ from .plan import (
     Outcome,
     Picture,
     Record,
+    RunSettings,
     Study,
     StudyRequest,
     Table,
@@ -120,7 +121,7 @@ def _offer_real(folder: str, seed: int) -> tuple[Floats, Ask]:
     return targets, lambda k: seen[k]
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     seed, what, real = settings["seed"], settings["what"], settings["robot"] == REAL
     if real:
         offers, ask = _offer_real(settings["recordings"], seed)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import median
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from .plan import (
     Outcome,
     Picture,
     Record,
+    RunSettings,
     Study,
     StudyRequest,
     Table,
@@ -73,7 +74,7 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     if settings["phase"] == "after":
         return run_after_damage(settings)
     return run_method(settings, cycles=CYCLES, budget=_BUDGET)

@@ -19,7 +19,7 @@ from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
 from .calibration import Pairs, make_reliability_table
-from .plan import Outcome, Record, Table
+from .plan import Outcome, Record, RunSettings, Table
 from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
@@ -57,7 +57,7 @@ class TreeOutcome:
             raise ValueError("with lists stated and right of unlike lengths")
 
 
-def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
+def open_study_robot(settings: RunSettings, file: str = "intact.h5") -> Robot:
     """The robot of a run: the readings of 2006, or a hidden one of the run's seed."""
     name, seed = settings["robot"], settings["seed"]
     recordings = Path(settings["recordings"]) / file if name == REAL else None

@@ -11,7 +11,7 @@ from typing import Any
 from distributed import Worker, WorkerPlugin, get_worker
 
 from ..machine import measure_peak_memory, pin_to_core
-from .plan import Outcome, Record
+from .plan import Outcome, Record, RunSettings
 
 _LINES = 6  # last ones of a traceback that are kept; chosen
 
@@ -43,7 +43,7 @@ class PinnedWorker(WorkerPlugin):
 def perform_task(
     play: Callable[[Mapping[str, Any]], Outcome],
     key: str,
-    settings: Mapping[str, Any],
+    settings: RunSettings,
 ) -> Record:
     """The record of one run (see `store.Results`); its error is part of it.
 
