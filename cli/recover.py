@@ -81,11 +81,11 @@ def recover(
         _finish_runs(_find_runs(resume), as_json, progress)
         return
     assert robot is not None
-    asked = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
+    batch = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
                                    gap=gap, seed=seed)
              for n in _parse_scenarios(scenario)]  # fmt: skip
     folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
-    _finish_runs(_begin_runs(folder, asked, force), as_json, progress)
+    _finish_runs(_begin_runs(folder, batch, force), as_json, progress)
 
 
 def _parse_scenarios(scenario: str) -> Sequence[int]:
@@ -101,14 +101,14 @@ def _parse_scenarios(scenario: str) -> Sequence[int]:
 
 
 def _begin_runs(
-    folder: Path, asked: list["RecoverSettings"], force: bool
+    folder: Path, batch: list["RecoverSettings"], force: bool
 ) -> list[Path]:
     """A run file for each, in folders of their own where there are several."""
     from selfheal.api.recovery import begin_recovery
 
     paths = []
-    for settings in asked:
-        home = folder / f"scenario-{settings.scenario:02d}" if asked[1:] else folder
+    for settings in batch:
+        home = folder / f"scenario-{settings.scenario:02d}" if batch[1:] else folder
         home.mkdir(exist_ok=True)
         paths.append(begin_recovery(home, settings, force=force))
     return paths

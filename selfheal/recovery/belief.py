@@ -153,7 +153,7 @@ def choose_action(
     Args:
         candidates: actions.
         log_weight: (H) belief so far.
-        group: (H) hypotheses of one group need not be told apart.
+        group: (H) hypotheses of one group need not be distinguished.
         rng: draws the outcomes that are imagined.
 
     Returns:

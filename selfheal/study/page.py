@@ -41,9 +41,9 @@ def describe_progress(results: Results) -> str:
 
 def _describe_versions(results: Results) -> str:
     """What another person needs to make the same."""
-    asked = ", ".join(f"{k} {v}" for k, v in results.request.items() if v is not None)
+    request = ", ".join(f"{k} {v}" for k, v in results.request.items() if v is not None)
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
-    return f"Study {results.study}: {asked}; program {results.code}; {libraries}."
+    return f"Study {results.study}: {request}; program {results.code}; {libraries}."
 
 
 def make_study_page(results: Results, tables: Sequence[Table]) -> str:

@@ -51,7 +51,7 @@ class Results:
 
     Attributes:
         study: its name.
-        request: what was asked for, as JSON can hold it.
+        request: its settings, as JSON can hold them.
         code: digest of the program that it was begun with.
         tasks: all its runs.
         records: of the runs done so far, key -> "settings", "outcome" (None where it
@@ -101,20 +101,20 @@ def find_journal(path: Path) -> Path:
 
 
 def create_study(
-    path: Path, study: str, asked: dict[str, Any], tasks: Sequence[Task]
+    path: Path, study: str, request: dict[str, Any], tasks: Sequence[Task]
 ) -> None:
     """Begin a study's file.
 
     Args:
         path: of the file.
         study: its name.
-        asked: what was asked for, as JSON can hold it.
+        request: the settings of the study, as JSON can hold it.
         tasks: all its runs.
 
     Raises:
         InputError: nothing can be written there.
     """
-    _save_results(path, Results(study, asked, digest_code(), tuple(tasks), {}))
+    _save_results(path, Results(study, request, digest_code(), tuple(tasks), {}))
 
 
 def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Results:
