@@ -50,9 +50,11 @@ for _command, _example, _page in (
 ):  # fmt: skip
     app.command(epilog=make_epilog(_example, _page))(_command)
 recording.app.command(
-    epilog=make_epilog("selfheal recording export recording.h5 --to mcap",
-                       "import-a-log.md#to-other-programs")
-)(export.export)  # fmt: skip
+    epilog=make_epilog(
+        "selfheal recording export recording.h5 --to mcap",
+        "import-a-log.md#to-other-programs",
+    )
+)(export.export)
 app.add_typer(study.app, name="study")
 app.add_typer(recording.app, name="recording")
 app.add_typer(model.app, name="model")

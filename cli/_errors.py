@@ -11,7 +11,7 @@ from typer.core import TyperGroup
 from selfheal.errors import InputError, SelfhealError
 from selfheal.files import DISK_ERRORS
 
-from ._print import print_line
+from ._print import print_error
 from ._streams import guard_streams
 from ._warnings import say_warnings
 
@@ -35,12 +35,12 @@ class Group(TyperGroup):
             result = super().invoke(ctx)
             sys.stdout.flush()
         except SelfhealError as error:
-            print_line(f"selfheal: {error}", is_error=True)
+            print_error(f"selfheal: {error}")
             raise typer.Exit(2 if isinstance(error, InputError) else 1) from error
         except OSError as error:
             if error.errno not in DISK_ERRORS:
                 raise
-            print_line(f"selfheal: cannot write: {error.strerror}", is_error=True)
+            print_error(f"selfheal: cannot write: {error.strerror}")
             _discard_output()
             raise typer.Exit(1) from error
         return result

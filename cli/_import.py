@@ -63,8 +63,10 @@ def print_import(report: "ImportReport", path: Path) -> None:
         ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
         print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
     for unit, names in report.assumed.items():
-        print_line(f"assumed to be in {unit}, for neither map nor log states a unit: "
-            f"{join_names(names)}")  # fmt: skip
+        print_line(
+            f"assumed to be in {unit}, for neither map nor log states a unit: "
+            f"{join_names(names)}"
+        )
     for offset in report.offsets:
         print_line(_describe_offset(offset))
     if report.lag:
@@ -90,7 +92,7 @@ def print_import(report: "ImportReport", path: Path) -> None:
 
 
 def _describe_offset(offset: "Offset") -> str:
-    """By how much a clock is off, and what would mend it."""
+    """By how much a clock is off, and what would correct it."""
     late, low, high = (1000 * s for s in (offset.seconds, offset.low, offset.high))
     said = (
         f"{offset.stream}: its clock is {late:.1f} ms ({low:.1f} to {high:.1f}) late "

@@ -1,30 +1,47 @@
 """What several commands share: options, words that a shell completes, ends of helps."""
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import typer
+from typer.models import OptionInfo
 
 AS_JSON = typer.Option("--json", help="One JSON object for scripts.")
 FORCE = typer.Option("--force", help="Overwrite what is at --out.")
+SEED = typer.Option(help="Of everything random.")
 # pages of the documentation, from the top of the repository
 _DOCS = "docs"
 
 
-def out_folder(what: str) -> Any:
+def out_folder(what: str) -> OptionInfo:
     """The option for a folder that a command writes.
 
     Args:
         what: where its files go if it is not given.
     """
-    return typer.Option(
+    option: OptionInfo = typer.Option(
         "--out", metavar="FOLDER", help=f"Where the files go; without it {what}."
     )
+    return option
 
 
-def out_file(name: str) -> Any:
+def out_file(name: str) -> OptionInfo:
     """The option for a file that a command writes, by the name that it has in help."""
-    return typer.Option("--out", metavar=name, help="Where it goes.")
+    option: OptionInfo = typer.Option("--out", metavar=name, help="Where it goes.")
+    return option
+
+
+def resume_from(name: str, what: str) -> OptionInfo:
+    """The option for a file to go on with, by its name in help and what it is of."""
+    option: OptionInfo = typer.Option(metavar=name, help=f"Go on with {what}.")
+    return option
+
+
+def start_over(what: str) -> OptionInfo:
+    """The option that replaces an earlier result, by what that is."""
+    option: OptionInfo = typer.Option(
+        "--force", help=f"Start over where {what} is already."
+    )
+    return option
 
 
 def make_epilog(example: str, page: str) -> str:

@@ -27,10 +27,14 @@ def print_json(result: Mapping[str, Any]) -> None:
     print(json.dumps(result, allow_nan=False), flush=True)
 
 
-def print_line(line: str, *, is_error: bool = False) -> None:
-    """Print a line, perhaps to standard error."""
-    stream = sys.stderr if is_error else sys.stdout
-    print(make_printable(line), file=stream, flush=True)
+def print_line(line: str) -> None:
+    """Print a line."""
+    print(make_printable(line), flush=True)
+
+
+def print_error(line: str) -> None:
+    """Print a line to standard error."""
+    print(make_printable(line), file=sys.stderr, flush=True)
 
 
 def print_paragraph(text: str, indent: str = "") -> None:
@@ -84,8 +88,10 @@ def print_table(
         [Measurement.get(console, console.options, text) for text in column]
         for column in zip(names, *cells, strict=True)
     ]
-    least = [max(s.maximum if k < whole else s.minimum for s in column)
-             for k, column in enumerate(spans)]  # fmt: skip
+    least = [
+        max(s.maximum if k < whole else s.minimum for s in column)
+        for k, column in enumerate(spans)
+    ]
     most = [max(s.maximum for s in column) for column in spans]
     room = console.width - _BORDER * len(head) - 1
     if sum(least) > room:
@@ -103,13 +109,7 @@ _BORDER = 3  # characters of a column that are none of its text: a line, two bla
 
 
 def _share_room(least: Sequence[int], most: Sequence[int], room: int) -> Sequence[int]:
-    """Widths of columns in a room that holds the least of all: the widest ones give.
-
-    Args:
-        least: width of each column's longest word.
-        most: width of each column on one line.
-        room: in all.
-    """
+    """Widths of columns in a room that holds the least of all: the widest ones give."""
     for limit in range(max(most), 0, -1):
         widths = [max(a, min(b, limit)) for a, b in zip(least, most, strict=True)]
         if sum(widths) <= room:
@@ -123,14 +123,7 @@ def _print_records(
     names: Sequence["Text"],
     cells: Iterable[Sequence["Text"]],
 ) -> None:
-    """Print each row by itself, its first cell above the others.
-
-    Args:
-        console: of the terminal.
-        title: above all.
-        names: of the columns.
-        cells: of the rows.
-    """
+    """Print each row by itself, its first cell above the others."""
     from rich.text import Text
 
     if title is not None:

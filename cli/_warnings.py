@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from selfheal.printable import make_printable
 
-from ._print import print_line
+from ._print import print_error
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def say_warnings() -> Iterator[None]:
                 raise
             finally:
                 for text in heard:
-                    print_line(f"selfheal: warning: {text}", is_error=True)
+                    print_error(f"selfheal: warning: {text}")
     finally:
         log.setFormatter(formatter)
 

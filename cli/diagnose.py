@@ -14,8 +14,8 @@ import typer
 
 from selfheal.printable import join_names
 
-from ._options import AS_JSON, FORCE, complete, list_faults, out_file, out_folder
-from ._print import print_json, print_line, print_table, print_text
+from ._options import AS_JSON, FORCE, SEED, complete, list_faults, out_file, out_folder
+from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
@@ -54,7 +54,7 @@ def diagnose(
         ),
     ] = None,
     no_check: Annotated[list[str] | None, _NO_CHECK] = None,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Annotated[int, SEED] = 0,
     force: Annotated[
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
     ] = False,
@@ -108,12 +108,7 @@ def _choose_folder(model: Path, resume: bool) -> Path:
 
 @contextmanager
 def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts.
-
-    Args:
-        live: says so.
-        memory: folder in which the same run goes on, if it is there.
-    """
+    """Whether Ctrl-C was pressed once, while entered; a second time it interrupts."""
     pressed = threading.Event()
     earlier = signal.getsignal(signal.SIGINT)
 
@@ -129,7 +124,7 @@ def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], b
         yield pressed.is_set
     except KeyboardInterrupt:
         if memory.exists():
-            print_line("selfheal: --resume goes on where this was", is_error=True)
+            print_error("selfheal: --resume goes on where this was")
         raise
     finally:
         signal.signal(signal.SIGINT, earlier)
@@ -230,7 +225,7 @@ def replay(
     predicted = replace(predicted, source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
-    told = {
+    document = {
         "format": "selfheal-replay",
         "version": 1,
         "diagnosis": str(folder),
@@ -242,11 +237,11 @@ def replay(
         "seconds": round(time.perf_counter() - start, 1),
     }
     if as_json:
-        print_json(told)
+        print_json(document)
     else:
         print_line(
-            f"{out}: {told['episodes']} episodes, {told['samples']} samples predicted "
-            f"in {told['seconds']} s"
+            f"{out}: {document['episodes']} episodes, {document['samples']} samples "
+            f"predicted in {document['seconds']} s"
         )
 
 

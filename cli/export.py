@@ -51,10 +51,10 @@ def export(
         predicted = replay_recording(diagnosis, recording)
     export_recording(recording, out, to=to, predicted=predicted)
     if as_json:
-        told = {"format": "selfheal-export", "version": 1, "recording": str(file),
+        document = {"format": "selfheal-export", "version": 1, "recording": str(file),
                 "to": to, "diagnosis": str(diagnosis) if diagnosis else None,
                 "exported": str(out), "episodes": len(recording.episodes)}  # fmt: skip
-        print_json(told)
+        print_json(document)
     else:
         count = len(recording.episodes)
         print_line(f"{out}: {count} episode{'s' * (count > 1)}")

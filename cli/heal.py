@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import AS_JSON, complete, list_damages, out_folder
+from ._options import (
+    AS_JSON,
+    SEED,
+    complete,
+    list_damages,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
@@ -30,7 +38,6 @@ _HOURS = typer.Option(
     help="Instead of a damage: hours that it walks, while random ones happen."
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
-_SEED = typer.Option(help="Of everything random.")
 # seconds of CPU that each phase takes, and the page: measured, of the starfish
 _SECONDS = {"gait": 22, "whole": 0.5, "alarm": 1, "ask": 16, "verdict": 0.5,
             "healed": 29, "walked": 0.5, "known": 27, "page": 12}  # fmt: skip
@@ -51,7 +58,7 @@ def gait(
     run: Annotated[Path, _RUN],
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Annotated[int, _SEED] = 0,
+    seed: Annotated[int, SEED] = 0,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -64,7 +71,7 @@ def gait(
     found, robot = load_identified(run)
     start = time.perf_counter()
     with ProgressBar("reading", as_json=as_json, asked=progress) as live:
-        told = walk_trial(
+        trial = walk_trial(
             found,
             robot,
             name=gait,
@@ -72,21 +79,21 @@ def gait(
             seed=seed,
             progress=partial(_PhaseProgress(live, {"gait": _SECONDS["gait"]}), "gait"),
         )
-    told |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
+    trial |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}
     if as_json:
-        print_json(told)
+        print_json(trial)
         return
-    p = told["predicted"]
+    p = trial["predicted"]
     print_line(
-        f"walked {told['walked']:.2f} m in {told['duration']:.0f} s, predicted "
+        f"walked {trial['walked']:.2f} m in {trial['duration']:.0f} s, predicted "
         f"{p['distance']:.2f} m ({p['low']:.2f} to {p['high']:.2f}); "
-        f"{told['across']:+.2f} m to the left"
+        f"{trial['across']:+.2f} m to the left"
     )
     print_line(
-        f"speed {100 * told['speed']:.1f} cm/s; by the self-model {p['energy']:.1f} J "
-        f"of work, cost of transport {p['cost_of_transport']:.2f}"
+        f"speed {100 * trial['speed']:.1f} cm/s; by the self-model "
+        f"{p['energy']:.1f} J of work, cost of transport {p['cost_of_transport']:.2f}"
     )
-    print_line(f"{told['simulations']} simulations, {told['seconds']} s")
+    print_line(f"{trial['simulations']} simulations, {trial['seconds']} s")
 
 
 def heal(
@@ -99,14 +106,10 @@ def heal(
     hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
     gait: Annotated[str, _GAIT] = "waves",
-    seed: Annotated[int, _SEED] = 0,
+    seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/heal-ROBOT-SEED")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="HEAL.h5", help="Go on with a heal.")
-    ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a heal is already.")
-    ] = False,
+    resume: Annotated[Path | None, resume_from("HEAL.h5", "a heal")] = None,
+    force: Annotated[bool, start_over("a heal")] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -124,15 +127,15 @@ def heal(
     folder = RunFolder(out, force)
     with ProgressBar("reading", as_json=as_json, asked=progress) as live:
         show = _PhaseProgress(live, _SECONDS)
-        told: dict[str, Any] = {"progress": show, "on_step": show.show_phase}
         if resume is not None:
             refuse_settings(context)
-            done = run_heal(resume=resume, **told)
+            done = run_heal(resume=resume, progress=show, on_step=show.show_phase)
         else:
             _check_heading(heading)
             done = run_heal(
                 run, damage, hours=hours, heading=math.radians(heading), gait=gait,
-                seed=seed, out=folder, force=force, **told,
+                seed=seed, out=folder, force=force, progress=show,
+                on_step=show.show_phase,
             )  # fmt: skip
     if as_json:
         print_json(done.result)
@@ -226,33 +229,27 @@ class _PhaseProgress:
         self.live.say(f"{self.live.seconds:6.1f} s  {said}")
 
 
-def _format_phase(name: str, phase: Any) -> str:
+def _format_phase(name: str, phase: Mapping[str, Any]) -> str:
     """What came of a phase, in a line."""
+    from selfheal.recovery.phases import describe_belief
+
     if name.startswith("ask"):
-        first = phase["believed"][0]
-        return f"{phase['why']}: {_format_hypothesis(first)}"
-    told = _PHASES[name]
+        return f"{phase['why']}: {describe_belief(phase['believed'][0])}"
+    done = _PHASES[name]
     if name in ("gait", "healed"):
-        return f"{told}: predicted {phase['gait']['predicted']:.2f} m in 10 s"
+        return f"{done}: predicted {phase['gait']['predicted']:.2f} m in 10 s"
     if name == "whole":
-        return f"{told}: {phase['distance']:.2f} m in 10 s"
+        return f"{done}: {phase['distance']:.2f} m in 10 s"
     if name == "alarm":
         from selfheal.report.heal import describe_alarm
 
         a = phase["alarm"]
-        return f"{told}: {describe_alarm(a, None) if a else 'no alarm'}"
+        return f"{done}: {describe_alarm(a, None) if a else 'no alarm'}"
     if name == "verdict":
-        return f"{told}: {_format_hypothesis(phase['believed'][0])}"
+        return f"{done}: {describe_belief(phase['believed'][0])}"
     if name == "walked":
-        return f"{told}: {phase['damaged']:.2f} m and {phase['healed']:.2f} m"
-    return told
-
-
-def _format_hypothesis(believed: dict[str, Any]) -> str:
-    """A hypothesis and its probability in words."""
-    from selfheal.recovery.phases import read_damage
-
-    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
+        return f"{done}: {phase['damaged']:.2f} m and {phase['healed']:.2f} m"
+    return done
 
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:
@@ -272,11 +269,13 @@ def _print_result(run: "HealRun", files: list[Path]) -> None:
 
 def _print_heal(run: "HealRun") -> None:
     """What happened once, and the distances."""
+    from selfheal.recovery.phases import read_damage
+
     result, rows = run.result, []
     for k, believed in enumerate(run.phases["verdict"]["believed"]):
         if k == 0 or believed["probability"] >= 0.005:  # else it is printed as 0 %
-            words = _format_hypothesis(believed).rpartition(" (")
-            rows.append((words[0], words[2].rstrip(")")))
+            sure = f"{100 * believed['probability']:.0f} %"
+            rows.append((str(read_damage(believed)), sure))
     print_table(("what happened", "probability"), rows)
     names = {"intact": "whole", "damaged": "broken, old gait",
              "healed": "broken, new gait",
@@ -284,5 +283,7 @@ def _print_heal(run: "HealRun") -> None:
     ways = {name: result["distance"][key] for key, name in names.items()}
     rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in ways.items()]
     print_table(("robot", "walks in 10 s"), rows)
-    told = f"{result['actions']} actions to find what happened"
-    print_line(f"{told}, {result['seconds']} s in all")
+    print_line(
+        f"{result['actions']} actions to find what happened, "
+        f"{result['seconds']} s in all"
+    )

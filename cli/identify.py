@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ._options import AS_JSON, complete, list_robot_names, out_folder
+from ._options import (
+    AS_JSON,
+    SEED,
+    complete,
+    list_robot_names,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_table
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
@@ -23,7 +31,6 @@ _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
 _KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
 _BUDGET = typer.Option(help="Most simulations of a search; 262000 by default.")
 _MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
-_FORCE = typer.Option("--force", help="Start over where a run is already.")
 _RANDOM_ACTIONS = typer.Option(
     "--random-actions", help="Do not choose actions, for comparison."
 )
@@ -51,13 +58,11 @@ def identify(
         int | None, typer.Option(help="Actions to try; 16 by default.")
     ] = None,
     budget: Annotated[int | None, _BUDGET] = None,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Annotated[int, SEED] = 0,
     moves: Annotated[int, _MOVES] = 0,
     out: Annotated[Path | None, out_folder("runs/ROBOT-SEED")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="RUN.h5", help="Go on with a run.")
-    ] = None,
-    force: Annotated[bool, _FORCE] = False,
+    resume: Annotated[Path | None, resume_from("RUN.h5", "a run")] = None,
+    force: Annotated[bool, start_over("a run")] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -71,17 +76,19 @@ def identify(
         raise InputError("give either --robot NAME or --resume RUN.h5")
     with ProgressBar("starting", as_json=as_json, asked=progress) as live:
         show = _CycleProgress(live)
-        told: dict[str, Any] = {"progress": show, "on_step": show.show_cycle,
-                                "on_stage": DiagnosisProgress(live)}  # fmt: skip
+        stage = DiagnosisProgress(live)
         if resume is not None:
             refuse_settings(context)
-            run = run_identify(resume=resume, **told)
+            run = run_identify(
+                resume=resume, progress=show, on_step=show.show_cycle, on_stage=stage
+            )
         else:
             run = run_identify(
                 robot, recordings=recordings, method=method, space=space,
                 known_lengths=known_lengths, random_actions=random_actions,
                 engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
-                out=RunFolder(out, force), force=force, **told,
+                out=RunFolder(out, force), force=force,
+                progress=show, on_step=show.show_cycle, on_stage=stage,
             )  # fmt: skip
     if as_json:
         print_json(run.result)
@@ -142,11 +149,11 @@ class _CycleProgress:
 
         cycle = run.cycles[-1]
         action = describe_action(run.anatomy, run.actions[cycle.action])
-        told = (
+        line = (
             f" {action}: {cycle.why}. Best error {cycle.tilt_error:.2f} deg, "
             f"disagreement {cycle.disagreement:.1f} deg"
         )
-        self.live.say(told, head=f"{len(run.cycles):>2}")
+        self.live.say(line, head=f"{len(run.cycles):>2}")
 
 
 def _print_result(run: "Run", files: list[Path]) -> None:
@@ -220,7 +227,7 @@ def _summarize_run(run: "Run") -> Iterator[str]:
 
 
 def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
-    """What moves over time told, a line each."""
+    """What moves over time showed, a line each."""
     from selfheal.diagnosis.output.storage import read_document
     from selfheal.errors import SelfhealError
     from selfheal.report.phrases import state_verdict
@@ -246,8 +253,10 @@ def show(
 
     run = load_run(file)
     if as_json:
-        print_json(run.result or {"format": "selfheal-identify", "version": 1,
-                                  "cycles": len(run.cycles)})  # fmt: skip
+        print_json(
+            run.result
+            or {"format": "selfheal-identify", "version": 1, "cycles": len(run.cycles)}
+        )
         return
     if not run.cycles:
         raise InputError(

@@ -69,8 +69,8 @@ def prepare(
     out.parent.mkdir(parents=True, exist_ok=True)
     write_model(done, out)
     if as_json:
-        told = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
-        print_json({**told, "out": str(out), "steps": list(done.steps)})
+        document = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
+        print_json({**document, "out": str(out), "steps": list(done.steps)})
         return
     for step in done.steps:
         print_line(step)
@@ -82,16 +82,7 @@ def prepare(
 def _check_arguments(
     model: Path, out: Path, stiff: bool, damped: bool, motors: bool, force: bool
 ) -> None:
-    """Refuse what says no drive, or would overwrite something.
-
-    Args:
-        model: that is prepared.
-        out: where it goes.
-        stiff: whether there is a --kp.
-        damped: whether there is a --kv.
-        motors: whether there is --motors.
-        force: whether what is at `out` may be overwritten.
-    """
+    """Refuse what says no drive, or would overwrite something."""
     from selfheal.errors import InputError
     from selfheal.files import check_file
 

@@ -146,15 +146,7 @@ def import_log(
 def _propose_map(
     logs: list[Path], model: Path, preset: str | None, out: Path, *, as_json: bool
 ) -> None:
-    """Write a map that fits the first of logs, as far as can be told.
-
-    Args:
-        logs: files or folders of one robot.
-        model: MJCF or URDF.
-        preset: name of one, where the software is known that wrote the log.
-        out: the map.
-        as_json: whether one JSON object is printed.
-    """
+    """Write a map that fits the first of logs, as far as can be told."""
     from selfheal.files import write_text
     from selfheal.logs.guessing.guess import guess_map
     from selfheal.logs.guessing.map_text import format_map
@@ -183,16 +175,7 @@ def _import_logs(
     paths: list[Path], model: Path, map_file: Path, out: Path, *, as_json: bool,
     asked: bool,
 ) -> None:  # fmt: skip
-    """Write the recording of logs.
-
-    Args:
-        paths: of the logs.
-        model: of the robot.
-        map_file: which columns are which signals.
-        out: where the recording goes.
-        as_json: whether a script reads the result.
-        asked: whether progress is to be said where there is no terminal, too.
-    """
+    """Write the recording of logs."""
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import read_map
     from selfheal.logs.open_log import open_log
@@ -295,8 +278,9 @@ def _print_telemetry(summary: dict[str, Any]) -> None:
         episodes = "all episodes" if every else f"episode {names}"
         print_paragraph(
             f"{fault['kind']} ({episodes}, p {_format_p_value(fault['p_value'])}): "
-            f"{fault['seen']}", "  ",
-        )  # fmt: skip
+            f"{fault['seen']}",
+            "  ",
+        )
         for line in fault["corrections"]:
             if not (line.startswith("[[signals]]") and summary.get("corrected_rules")):
                 print_paragraph(f"  correction: {line}", "    ")

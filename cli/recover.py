@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import complete, list_legged_robots, list_scenarios, out_folder
+from ._options import (
+    AS_JSON,
+    SEED,
+    complete,
+    list_legged_robots,
+    list_scenarios,
+    out_folder,
+    resume_from,
+    start_over,
+)
 from ._print import print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
@@ -52,18 +61,13 @@ def recover(
         float,
         typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
     ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Of everything random.")] = 0,
+    seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="RECOVER.h5", help="Go on with a run or a folder of runs."
-        ),
+        Path | None, resume_from("RECOVER.h5", "a run or a folder of runs")
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a run is already.")
-    ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
+    force: Annotated[bool, start_over("a run")] = False,
+    as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""
@@ -77,11 +81,11 @@ def recover(
         _finish_runs(_find_runs(resume), as_json, progress)
         return
     assert robot is not None
-    asked = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
+    batch = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
                                    gap=gap, seed=seed)
              for n in _parse_scenarios(scenario)]  # fmt: skip
     folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
-    _finish_runs(_begin_runs(folder, asked, force), as_json, progress)
+    _finish_runs(_begin_runs(folder, batch, force), as_json, progress)
 
 
 def _parse_scenarios(scenario: str) -> Sequence[int]:
@@ -97,14 +101,14 @@ def _parse_scenarios(scenario: str) -> Sequence[int]:
 
 
 def _begin_runs(
-    folder: Path, asked: list["RecoverSettings"], force: bool
+    folder: Path, batch: list["RecoverSettings"], force: bool
 ) -> list[Path]:
     """A run file for each, in folders of their own where there are several."""
     from selfheal.api.recovery import begin_recovery
 
     paths = []
-    for settings in asked:
-        home = folder / f"scenario-{settings.scenario:02d}" if asked[1:] else folder
+    for settings in batch:
+        home = folder / f"scenario-{settings.scenario:02d}" if batch[1:] else folder
         home.mkdir(exist_ok=True)
         paths.append(begin_recovery(home, settings, force=force))
     return paths
@@ -201,10 +205,10 @@ def _format_phase(run: "RecoverRun") -> str:
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
-    told = {"original": "whole, the first controller", "failure": "broken, the same",
+    done = {"original": "whole, the first controller", "failure": "broken, the same",
             "trial": f"{turn}: tried on the robot",
             "hardware": "evolved on the robot"}[kind]  # fmt: skip
-    return f"{told}: {phase['way']:.2f} m"
+    return f"{done}: {phase['way']:.2f} m"
 
 
 def _print_results(runs: Sequence["RecoverRun"]) -> None:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ._options import AS_JSON, make_epilog, out_folder
-from ._print import print_json, print_line, print_table, print_text
+from ._options import AS_JSON, make_epilog, out_folder, resume_from, start_over
+from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -55,15 +55,11 @@ def _run_study(
         str, typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
     ] = "",
     out: Annotated[Path | None, out_folder("runs/study-NAME")] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="STUDY.h5", help="Go on with a study.")
-    ] = None,
+    resume: Annotated[Path | None, resume_from("STUDY.h5", "a study")] = None,
     only: Annotated[
         str, typer.Option(metavar="failed", help="With --resume: failed runs again.")
     ] = "",
-    force: Annotated[
-        bool, typer.Option("--force", help="Start over where a study is already.")
-    ] = False,
+    force: Annotated[bool, start_over("a study")] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -82,8 +78,9 @@ def _run_study(
     if resume is not None:
         refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
         _check_name(resume, name)
-        _finish_study(resume, place, only_failed=bool(only), as_json=as_json,
-                      asked=progress)  # fmt: skip
+        _finish_study(
+            resume, place, only_failed=bool(only), as_json=as_json, asked=progress
+        )
         return
     count = _RUNS[name] if runs is None else runs
     path = _begin_study(name, StudyRequest(count, seed, recordings, folder), out, force)
@@ -111,10 +108,9 @@ def _begin_study(
         if folder is not None and not folder.is_dir():
             raise InputError(f"{option}{folder}: there is no such folder")
     if "recordings" in given and asked.recordings is None:
-        print_line(
+        print_error(
             "no --recordings FOLDER with readings of the robot of 2006: the hidden "
-            "simulated robot alone",
-            is_error=True,
+            "simulated robot alone"
         )
     folders = {k: f.resolve() for k in ("recordings", "cases")
                if (f := getattr(asked, k)) is not None}  # fmt: skip
@@ -133,8 +129,9 @@ def _check_name(path: Path, name: str) -> None:
 
     found = load_study(path).study
     if found != name:
-        raise InputError(f"{path} is of study {found!r}; selfheal study {found} "
-                         f"--resume {path}")  # fmt: skip
+        raise InputError(
+            f"{path} is of study {found!r}; selfheal study {found} --resume {path}"
+        )
 
 
 def _finish_study(
@@ -150,7 +147,7 @@ def _finish_study(
                 here = p.session + p.total - p.done  # runs of this session
                 live.show(_describe_progress(p), p.session / max(here, 1))
     except KeyboardInterrupt:
-        print_line(_describe_left(load_study(path), path), is_error=True)
+        print_error(_describe_left(load_study(path), path))
         raise typer.Exit(130) from None  # as shells say of a program that was stopped
     _show_study(path, as_json)
 
@@ -208,8 +205,9 @@ def _serialize_study(results: "Results", tables: "Sequence[Table]", path: Path) 
     """A study for scripts."""
     from dataclasses import asdict
 
-    failed = [{"key": t.key, "error": results.records[t.key]["error"]}
-              for t in results.failed]  # fmt: skip
+    failed = [
+        {"key": t.key, "error": results.records[t.key]["error"]} for t in results.failed
+    ]
     return {
         "format": "selfheal-study",
         "version": 1,

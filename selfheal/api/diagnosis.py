@@ -46,8 +46,8 @@ def diagnose(
         seed: of everything random.
         memory: folder of what is worked out, in which the same diagnosis goes on where
             it was killed; remove it in the end.
-        progress: told what is being done and the share (0 to 1) of the time that is
-            over, about; 0 where that is not known.
+        progress: called with what is being done and the share (0 to 1) of the
+            time that is over, about; 0 where that is not known.
         minutes: [min] that it may take, about: the best answer so far is given then,
             and says what it left out; `math.inf` for as long as it takes.
         stop: asked before each batch of simulations; once True, that answer is given as
@@ -87,7 +87,7 @@ def _limit_shares(
     """Progress whose shares are not less than what is over of the time that is given.
 
     Args:
-        progress: told a message and a share (0 to 1).
+        progress: called with a message and a share (0 to 1).
         begun: `time.monotonic()` at the beginning [s].
         minutes: that are given [min].
     """
@@ -118,11 +118,6 @@ def _read_all(
 ) -> tuple[list[Recording], list[str]]:
     """Every recording, and the full names of what is held out.
 
-    Args:
-        given: recordings.
-        held_out: names of files, episodes or parts of them.
-        model: of the robot, for messages.
-
     Raises:
         InputError: none was given, one is given twice, or a name fits several.
     """
@@ -137,12 +132,7 @@ def _read_all(
 def _check_logs(
     model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
 ) -> list[str]:
-    """What is odd about recordings; those from which nothing could be told are refused.
-
-    Args:
-        model: path of the robot's MJCF or URDF.
-        recordings: of the robot.
-        skip: kinds of faults that are not asked about.
+    """Faults of recordings; those that contradict the model are refused.
 
     Raises:
         RecordingError: a recording does not fit the model, or contradicts it.
@@ -179,11 +169,6 @@ def _open_recordings(
     given: Sequence[RecordingLike], spare: int, model: str
 ) -> list[Recording]:
     """Every recording, checked.
-
-    Args:
-        given: recordings.
-        spare: how many, the last ones, may be there already.
-        model: of the robot, for messages.
 
     Raises:
         InputError: one is given twice.

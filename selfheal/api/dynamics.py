@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..body.body import Bodies
-    from ..recording import Episode, Recording
+    from ..body.body import Bodies, Floats
+    from ..recording import Episode, Recording, Signal
     from ..robot.base import Mover, Robot
     from ..selfmodel.run import Run
 
@@ -58,7 +58,7 @@ def identify_dynamics(
         robot: that it found it of.
         path: of the run file; all that is written lies beside it.
         model: path of the best body.
-        stage: told what is being done, and the share (0 to 1) of it.
+        stage: called with what is being done, and the share (0 to 1) of it.
 
     Returns:
         What the run's result says of it, see `selfmodel.read_run.DynamicsResult`.
@@ -95,15 +95,8 @@ def identify_dynamics(
     }
 
 
-def _move(robot: "Mover", commands: Any, path: Path, stage: Stage) -> "Recording":
-    """The recording of all moves; that of a run that was killed since is taken.
-
-    Args:
-        robot: that moves.
-        commands: (K, T, P) [rad].
-        path: of the recording.
-        stage: told which move it is.
-    """
+def _move(robot: "Mover", commands: "Floats", path: Path, stage: Stage) -> "Recording":
+    """The recording of all moves; that of a run that was killed since is taken."""
     from ..recording import Recording, read, write
 
     if not path.exists():
@@ -117,7 +110,7 @@ def _move(robot: "Mover", commands: Any, path: Path, stage: Stage) -> "Recording
 
 
 def _lies_still(moved: "Recording") -> bool:
-    """Whether the torso's vertical stays where it was, and no foot felt the floor."""
+    """Whether the torso's vertical stays where it was and no foot touched the floor."""
     import numpy as np
 
     from ..gait.excitation import STILL
@@ -145,18 +138,12 @@ def _write_held_model(body: "Bodies", path: Path) -> Path:
 
 
 def _keep_readings(moved: "Recording", body: "Bodies", is_held: bool) -> "Recording":
-    """The recording without what the model has no sensor for, or that says nothing.
-
-    Args:
-        moved: the whole of it.
-        body: that moved.
-        is_held: whether only the joints moved.
-    """
+    """The recording without what the model has no sensor for, or that says nothing."""
     from ..body.mjcf import build_spec
 
     sensors = {sensor.name for sensor in build_spec(body).sensors}
 
-    def is_kept(signal: Any) -> bool:
+    def is_kept(signal: "Signal") -> bool:
         if is_held:
             return bool(signal.kind.startswith("joint_"))
         return signal.kind != "sensor" or signal.target in sensors

@@ -4,7 +4,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, check_seed
 from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
@@ -63,12 +63,12 @@ def heal(
     from ..recovery.record import HealRun
     from ..robot.open_robot import name_robot
 
-    told = progress or (lambda *what: None), on_step or (lambda run: None)
+    callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
         with lock_file(resume):
             begun = load_phased_run(resume, HealRun)
             known = load_identified(run or begun.settings.run, robot)
-            return _finish_heal(begun, known, Path(resume), *told)
+            return _finish_heal(begun, known, Path(resume), *callbacks)
     if run is None or (damage is None) == (hours is None):
         raise InputError("give a run and a damage or hours, or a heal to resume")
     known, settings = _make_settings(run, damage, hours, heading, gait, seed, robot)
@@ -77,7 +77,7 @@ def heal(
         begun = HealRun(settings)
         if path:
             save_phased_run(begun, path)
-        return _finish_heal(begun, known, path, *told)
+        return _finish_heal(begun, known, path, *callbacks)
 
 
 def check_gait_settings(gait: str, heading: float, seed: int) -> None:
@@ -186,11 +186,12 @@ def _finish_heal(
     found, robot = known
     models, weights = select_rival_bodies(found)
     what = models, weights, run.settings
-    told: Any = {"run": run, "progress": progress}
     steps = (
-        heal_for_hours(robot, *what, **told)
+        heal_for_hours(robot, *what, run=run, progress=progress)
         if run.settings.hours
-        else heal_robot(make_robot_states(robot, run.settings), *what, **told)
+        else heal_robot(
+            make_robot_states(robot, run.settings), *what, run=run, progress=progress
+        )
     )
     run = follow_phases(run, steps, path, on_step)
     if path:

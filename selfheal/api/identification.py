@@ -24,7 +24,7 @@ _SAVE_EVERY = 1.0
 
 
 class IdentifyOptions(TypedDict, total=False):
-    """What `identify` can be told besides the robot; all of it may be left out.
+    """What `identify` takes besides the robot; all of it may be left out.
 
     Attributes:
         recordings: file of readings that the robot answers from.
@@ -75,7 +75,7 @@ def identify(
         force: replace a run that is in `out` already.
         progress: given the number of the search's simulations so far.
         on_step: given the run when it begins, and after each cycle.
-        on_stage: told what is being done of the moves, and about what share (0 to 1).
+        on_stage: called with what is being done of the moves, and its share (0 to 1).
         **options: as `IdentifyOptions` lists them.
 
     Returns:
@@ -93,10 +93,10 @@ def identify(
     from ..selfmodel.run import Run, save_run
 
     tell = on_stage or (lambda what, share: None)
-    told = progress or (lambda count: None), on_step or (lambda run: None), tell
+    callbacks = progress or (lambda count: None), on_step or (lambda run: None), tell
     if resume is not None:
         with lock_file(resume):
-            return _finish_run(load_run(resume), robot, Path(resume), *told)
+            return _finish_run(load_run(resume), robot, Path(resume), *callbacks)
     if robot is None:
         raise InputError("give either a robot or a run to resume")
     settings = _make_settings(robot, **options)
@@ -111,7 +111,7 @@ def identify(
         run = Run(settings, robot.anatomy, robot.actions, truth=robot.truth)
         if path:
             save_run(run, path)
-        return _finish_run(run, robot, path, *told)
+        return _finish_run(run, robot, path, *callbacks)
 
 
 def _make_settings(
@@ -186,8 +186,8 @@ def _finish_run(
     if path and run.settings.moves and not run.result.get("dynamics"):
         write_identify_report(run, path)  # moves may be refused, or take long
         model = path.with_name(_MODEL)
-        told = identify_dynamics(run, robot, path, model, on_stage)
-        run = replace(run, result={**run.result, "dynamics": told})
+        dynamics = identify_dynamics(run, robot, path, model, on_stage)
+        run = replace(run, result={**run.result, "dynamics": dynamics})
         save_run(run, path)
     if path:
         write_identify_report(run, path)

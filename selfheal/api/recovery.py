@@ -15,7 +15,7 @@ RUN = "recover.h5"
 
 
 class RecoverOptions(TypedDict, total=False):
-    """What `recover` can be told besides the scenario; all of it may be left out.
+    """What `recover` takes besides the scenario; all of it may be left out.
 
     Attributes:
         method: "ours", "as-described" or "hardware-only".
@@ -73,11 +73,11 @@ def recover(
     from ..recovery.phased_run import load_phased_run, save_phased_run
     from ..recovery.recover_run import RecoverRun
 
-    told = progress or (lambda *what: None), on_step or (lambda run: None)
+    callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
     if resume is not None:
         with lock_file(resume):
             run = load_phased_run(resume, RecoverRun)
-            return _finish_run(run, driven, Path(resume), *told)
+            return _finish_run(run, driven, Path(resume), *callbacks)
     if robot is None or scenario is None:
         raise InputError("give a robot and a scenario, or a recovery to resume")
     settings = make_recover_settings(robot, scenario, **options)
@@ -86,7 +86,7 @@ def recover(
         run = RecoverRun(settings)
         if path:
             save_phased_run(run, path)
-        return _finish_run(run, driven, path, *told)
+        return _finish_run(run, driven, path, *callbacks)
 
 
 def make_recover_settings(

@@ -1,4 +1,4 @@
-"""Bodies: what is known of a robot's parts, and batches of ways to hang them together.
+"""Bodies: what is known of a robot's parts, and batches of ways to attach them.
 
 Frames: torso x forward, y left, z up. A part's frame has its origin at its joint
 and x along the part; at zero joint angles it is as level as its parent's, but for the
@@ -20,7 +20,7 @@ Rows = slice | list[int] | Ints | NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Anatomy:
-    """What a robot knows of its parts before it asks how they hang together.
+    """What a robot knows of its parts before it asks how they are attached.
 
     Attributes:
         name: of the robot.
@@ -40,7 +40,7 @@ class Anatomy:
         hinges: (P) known kinds of hinges, as `genome.HINGE_NAMES`; empty: all lift.
         bends: (P) by how much parts leave their parents downward [rad]; empty: by 0.
         fixed: whether the torso is bolted to the world.
-        ordered: whether a part hangs on the torso or on one listed before it.
+        ordered: whether a part's parent is the torso or a part listed before it.
         sensors: of the robot at rest, as `engine.channels` names them.
     """
 

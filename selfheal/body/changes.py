@@ -16,7 +16,7 @@ AIR_DENSITY = 1.2  # [kg/m^3] at sea level and 20 C
 
 
 def list_subtree(parents: Iterable[int], root: int) -> list[int]:
-    """A node of a tree and all that hang on it, in order.
+    """A node of a tree and all its descendants, in order.
 
     Args:
         parents: the parent of each node, which comes before it.

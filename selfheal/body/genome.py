@@ -67,7 +67,7 @@ def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
 
     Args:
         anatomy: the robot's parts.
-        parent: (N, P) or (P) what each part hangs on; 0 is the torso.
+        parent: (N, P) or (P) what each part is attached to; 0 is the torso.
         placement: (N, P) or (P) where on its parent's perimeter [rounds].
 
     Returns:

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from .changes import list_subtree
 from .damage import Damage
+
+if TYPE_CHECKING:
+    import mujoco
 
 LEGGED = ("hexapod", "quadruped")
 REACHES = (30.0, 45.0)  # [deg] overview.txt 4.2.1 and 4.2.2
@@ -46,7 +49,7 @@ class LeggedRobot:
     name: str
     reach: float
     apart: bool
-    model: Any
+    model: "mujoco.MjModel"
 
     @cached_property
     def motors(self) -> tuple[str, ...]:
@@ -75,7 +78,7 @@ class LeggedRobot:
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
-        """(P) names of the parts that can be lost, as they hang in the tree."""
+        """(P) names of the parts that can be lost, in the order of the tree."""
         return tuple(self.model.body(k).name for k in range(2, self.model.nbody))
 
     @cached_property
@@ -151,8 +154,8 @@ def load_legged_robot(
 def reduce_damages(robot: LeggedRobot, damages: Sequence[Damage]) -> tuple[Damage, ...]:
     """Damages in one order, without those that others among them already say.
 
-    What hangs on a lost part is lost, nothing of it jams or is driven, and the angle
-    sensor of a broken joint is gone.
+    Descendants of a lost part are lost, nothing of them jams or is driven, and the
+    angle sensor of a broken joint is gone.
     """
     kept = dict.fromkeys(damages)
     for damage in damages:

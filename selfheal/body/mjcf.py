@@ -71,7 +71,7 @@ def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
 
 
 def _add_part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
-    """Hang part i + 1 of body `row` on its parent."""
+    """Attach part i + 1 of body `row` to its parent."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
     turn, bend = bodies.heading[row, i] / 2, (a.bends[i] if a.bends else 0.0) / 2
     c, s = np.array([np.cos([turn, bend]), np.sin([turn, bend])])
@@ -283,15 +283,17 @@ def _find_geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
     found = [g for g in body.geoms if g.type == kind]
     shape = kind.name[7:].lower()
     if len(found) > 1 or (needed and not found):
-        raise ModelError(f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
-                         "it needs exactly one")  # fmt: skip
+        raise ModelError(
+            f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
+            "it needs exactly one"
+        )
     if found and not found[0].mass > 0:
         raise ModelError(f"{path}: the {shape} of {body.name!r} needs a positive mass")
     return found[0] if found else None
 
 
 def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
-    """What the parts are, without how they hang together."""
+    """What the parts are, without how they are attached."""
     box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
     bodies = [spec.body(model.body(b).name) for b in ids]
     torso = _find_geom(path, bodies[int(np.argmin(parent))].parent, box, True)
@@ -328,21 +330,17 @@ def _read_hinges(axes: Floats) -> tuple[int, ...]:
 
 
 def _read_bends(path: str, model, ids) -> tuple[Floats, tuple[float, ...]]:
-    """Headings (P) and bends [rad] of parts, of which none may be rolled.
-
-    Args:
-        path: of the MJCF.
-        model: compiled.
-        ids: of the parts' bodies.
-    """
+    """Headings (P) and bends [rad] of parts, of which none may be rolled."""
     turns = np.empty((len(ids), 9))
     for turn, quat in zip(turns, model.body_quat[ids], strict=True):
         mujoco.mju_quat2Mat(turn, quat)
     frames = turns.reshape(-1, 3, 3)
     if (rolled := np.abs(frames[:, 2, 1]) > _SAME_AXIS).any():
         name = model.body(ids[int(np.argmax(rolled))]).name
-        raise ModelError(f"{path}: body {name!r} is rolled about its own axis; it may "
-                         "be turned about z, and then about its y")  # fmt: skip
+        raise ModelError(
+            f"{path}: body {name!r} is rolled about its own axis; it may "
+            "be turned about z, and then about its y"
+        )
     bends = np.arctan2(-frames[:, 2, 0], frames[:, 2, 2])
     flat = (np.abs(bends) < _SAME_AXIS).all()
     headings = np.arctan2(-frames[:, 0, 1], frames[:, 1, 1])

@@ -244,14 +244,7 @@ def make_example(name: str, folder: str | os.PathLike[str]) -> Example:
 def _write_recording(
     path: Path, runs: Sequence[Run], model: "mujoco.MjModel", *, has_speeds: bool
 ) -> None:
-    """Write the recording that the map makes of the log.
-
-    Args:
-        path: of the file.
-        runs: of the robot, an episode each.
-        model: compiled.
-        has_speeds: whether the log has the joints' speeds.
-    """
+    """Write the recording that the map makes of the log."""
     joints = [model.joint(j).name for j in range(model.njnt)]
     actuators = list_model_names(model).commands
     episodes = {}

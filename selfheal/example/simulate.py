@@ -16,7 +16,7 @@ _ENCODER = 2 * np.pi / 4096  # [rad] a step of the joints' encoders: 12 bits
 
 @dataclass(frozen=True)
 class Run:
-    """What a robot was told and what it measured.
+    """Commands of a robot and what it measured.
 
     Attributes:
         time: (T) [s].
@@ -31,13 +31,15 @@ class Run:
     velocity: Floats
 
 
+_RUNS = 4  # of each robot; chosen
+
+
 def simulate_runs(
     text: str,
     conceal: Callable[["mujoco.MjModel"], None],
     *,
     rate: float,
     seconds: float,
-    runs: int = 4,
 ) -> list[Run]:
     """Runs of a robot whose joints have a position servo each, in their order.
 
@@ -48,7 +50,6 @@ def simulate_runs(
         conceal: puts into the compiled model what the text lacks.
         rate: [Hz] of commands and readings.
         seconds: [s] of each run.
-        runs: how many.
     """
     import mujoco
 
@@ -57,7 +58,7 @@ def simulate_runs(
     model.opt.timestep /= 4
     time = np.arange(round(seconds * rate)) / rate
     found = []
-    for number in range(runs):
+    for number in range(_RUNS):
         goal = _make_goals(model, time, number)
         data = mujoco.MjData(model)
         data.qpos[:] = goal[0]

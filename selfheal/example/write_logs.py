@@ -145,15 +145,7 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
 def _make_joint_state(
     store: Any, stamp: int, joints: Sequence[str], run: Run, row: int
 ) -> Any:
-    """A sensor_msgs/JointState of a row of a run.
-
-    Args:
-        store: of message types.
-        stamp: [ns] since 1970.
-        joints: their names.
-        run: of the robot.
-        row: of the run.
-    """
+    """A sensor_msgs/JointState of a row of a run."""
     types = store.types
     seconds, rest = divmod(stamp, 10**9)
     header = types["std_msgs/msg/Header"](

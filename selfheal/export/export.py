@@ -41,31 +41,21 @@ def export_recording(
 
 
 def _write_csv(path: Path, recording: Recording, predicted: Recording | None) -> None:
-    """A table as text, a column's unit in brackets behind its name.
-
-    Args:
-        path: of the file.
-        recording: of a robot.
-        predicted: as a model predicts it, or None.
-    """
+    """A table as text, a column's unit in brackets behind its name."""
     from pyarrow import csv
 
     table = build_table(recording, predicted)
-    names = [f"{field.name} [{unit}]" if (unit := find_unit(field)) else field.name
-             for field in table.schema]  # fmt: skip
+    names = [
+        f"{field.name} [{unit}]" if (unit := find_unit(field)) else field.name
+        for field in table.schema
+    ]
     csv.write_csv(table.rename_columns(names), path)
 
 
 def _write_parquet(
     path: Path, recording: Recording, predicted: Recording | None
 ) -> None:
-    """A table whose fields have their units as metadata.
-
-    Args:
-        path: of the file.
-        recording: of a robot.
-        predicted: as a model predicts it, or None.
-    """
+    """A table whose fields have their units as metadata."""
     from pyarrow import parquet
 
     parquet.write_table(build_table(recording, predicted), path)

@@ -7,7 +7,7 @@ Topics are `/ctrl`, `/signals` and `/predicted`, of which a message is a sample,
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from ..extras import import_extra
 from ..recording import Episode, Recording
 from ..recording.data import Floats
 from ..recording.table import PREDICTED, SIGNALS
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
 
 _PAUSE = 1.0  # [s] between episodes, so that a plot shows a gap; chosen
 _NUMBER = {"type": "number"}
@@ -62,13 +65,7 @@ def write_mcap(path: Path, recording: Recording, predicted: Recording | None) ->
 def _list_groups(
     recording: Recording, predicted: Recording | None, name: str
 ) -> dict[str, dict[str, tuple[Floats, str]]]:
-    """What an episode's messages hold, by topic.
-
-    Args:
-        recording: with the episode.
-        predicted: the same samples as a model predicts them, or None.
-        name: of the episode.
-    """
+    """What an episode's messages hold, by topic."""
     episode = recording.episodes[name]
     groups = {"ctrl": _name_commands(episode), SIGNALS: _name_signals(episode)}
     if predicted:
@@ -76,28 +73,17 @@ def _list_groups(
     return groups
 
 
-def _register(writer: Any, topic: str, fields: Mapping[str, Any]) -> int:
-    """Number of a new channel whose messages have these fields.
-
-    Args:
-        writer: of the file.
-        topic: its name, without the slash.
-        fields: JSON schema of each.
-    """
+def _register(writer: "Writer", topic: str, fields: Mapping[str, Any]) -> int:
+    """Number of a new channel whose messages have these fields."""
     form = json.dumps({"type": "object", "properties": dict(fields)}).encode()
     schema = writer.register_schema(f"selfheal.{topic}", "jsonschema", form)
     return writer.register_channel(f"/{topic}", "json", schema)
 
 
-def _add(writer: Any, channel: int, stamp: float, message: Mapping[str, Any]) -> None:
-    """Add a message.
-
-    Args:
-        writer: of the file.
-        channel: its number.
-        stamp: time of it [ns].
-        message: its fields.
-    """
+def _add(
+    writer: "Writer", channel: int, stamp: float, message: Mapping[str, Any]
+) -> None:
+    """Add a message."""
     text = json.dumps(message, allow_nan=False).encode()
     writer.add_message(channel, int(stamp), text, int(stamp))
 

@@ -1,4 +1,4 @@
-"""Covariance matrix adaptation: scores of asked points in, better points out.
+"""Covariance matrix adaptation: scores of drawn points in, better points out.
 
 The (mu/mu_w, lambda) evolution strategy of Hansen, "The CMA evolution strategy: a
 tutorial" (arXiv 1604.00772), its defaults; ask and tell.
@@ -21,7 +21,7 @@ class CmaState:
         cov: (D, D) shape of the steps.
         path: (D) of the step size, and
         path_cov: (D) of the shape, evolution paths.
-        generation: number told so far.
+        generation: number of updates so far.
     """
 
     mean: Floats
@@ -64,7 +64,7 @@ def tell(state: CmaState, points: Floats, scores: Floats) -> CmaState:
     """The search after a generation.
 
     Args:
-        state: that asked.
+        state: that drew the points.
         points: (N, D) that were scored.
         scores: (N) larger is better; what is not finite is worst.
     """

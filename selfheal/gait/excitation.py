@@ -22,7 +22,7 @@ _REST, _APPROACH = 0.2, 1.0
 # [Hz] of the fastest line; chosen: six samples a period, and swings of 15 degrees then
 # pass the 60 degrees a second of a hobby servo in a third of the time
 _TOP = 3.0
-# of the range, in turn: what grows with amplitude, as limits do, is told from what
+# of the range, in turn: what grows with amplitude, as limits do, differs from what
 # does not, as delays do; chosen
 _SCALES = (1.0, 0.5)
 STILL = np.radians(3.0)  # tilt of a torso that lies still: changes weights by 5 %

@@ -13,7 +13,7 @@ from ..selfmodel.space import find_space
 
 _RIVALS = 3  # bodies that a gait has to suit; chosen
 _SAME_BODY = 0.2  # [cm] centers nearer than this are the same body; chosen
-# Tilts at rest say little of where along a side a part hangs, and a walk depends on it.
+# Tilts at rest say little of where on a side a part is, and a walk depends on it.
 # Chosen on development seeds: a placement off the middle of its side must explain
 # three degrees of loss more than the middle does.
 _OFF_CENTER_COST = 3.0
@@ -46,14 +46,14 @@ def select_rival_bodies(run: Run) -> tuple[Bodies, Floats]:
 
 
 def _compute_losses(run: Run, genomes: Genomes) -> Floats:
-    """(N) of genomes on all that a run felt, with the prior [deg]."""
+    """(N) of genomes on all that a run measured, with the prior [deg]."""
     bodies = build_bodies(run.anatomy, genomes)
     tried = run.actions[[cycle.action for cycle in run.cycles]]
-    felt = np.array([cycle.felt for cycle in run.cycles])
+    measured = np.array([cycle.felt for cycle in run.cycles])
     rows = np.repeat(np.arange(len(bodies)), len(tried))
     seen = Statics().simulate(bodies[rows], np.tile(tried, (len(bodies), 1)))
     table = seen.channels.reshape(len(bodies), len(tried), -1)
-    gap = make_capped_loss(run.anatomy)(table, felt)
+    gap = make_capped_loss(run.anatomy)(table, measured)
     space = find_space(run.settings.space)
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
     total = (

@@ -75,14 +75,14 @@ class Gait:
 
 
 def project_on_heading(position: Floats, heading: float) -> tuple[Floats, Floats]:
-    """Way along and across a heading [m] of positions (..., 2 or more)."""
+    """Distance along and across a heading [m] of positions (..., 2 or more)."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = position[..., 0], position[..., 1]
     return c * x + s * y, c * y - s * x
 
 
-def measure_way(position: Floats, orientation: Floats, heading: float) -> float:
-    """Way of a walk along the heading, as the robot faces each `SECONDS` anew [m].
+def measure_distance(position: Floats, orientation: Floats, heading: float) -> float:
+    """Distance of a walk along the heading, as the robot faces each `SECONDS` anew [m].
 
     A gait has no compass: what curves a little in that time is far off its heading
     after a few of them, and still carries the robot where it faces.
@@ -96,8 +96,10 @@ def measure_way(position: Floats, orientation: Floats, heading: float) -> float:
     w, x, y, z = orientation[rows[:-1]].T
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y**2 + z**2))
     pieces = np.diff(position[rows], axis=0)
-    along = [project_on_heading(piece, heading + turn)[0]
-             for piece, turn in zip(pieces, yaw, strict=True)]  # fmt: skip
+    along = [
+        project_on_heading(piece, heading + turn)[0]
+        for piece, turn in zip(pieces, yaw, strict=True)
+    ]
     return float(np.sum(along))
 
 
@@ -196,7 +198,7 @@ def synthesize_gaits(
         heading: direction to walk [rad].
         seed: of everything random.
         start: a gait that one of the searches starts from.
-        progress: told what is done and how much of it.
+        progress: called with what is done and how much of it.
     """
     search = _GaitSearch(plants, weights, name, heading, np.random.default_rng(seed))
     lives = _start_searches(search, start, rungs[0])

@@ -97,11 +97,6 @@ def _redirect_assets(tree: MjcfDocument, kind: str, value: str) -> bool:
     MuJoCo looks for the file of an included element in the asset folder first, then
     beside the file that includes it.
 
-    Args:
-        tree: the document.
-        kind: of the folder, "meshdir" or "texturedir".
-        value: of the folder, as the document has it.
-
     Returns:
         Whether the folder leads to any file.
     """

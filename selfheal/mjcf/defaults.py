@@ -62,14 +62,7 @@ def _find_agreed(
     joints: Sequence[Element],
     wanted: Mapping[Element, dict[str, str | None]],
 ) -> dict[str, str | None]:
-    """Attributes that all joints which inherit them from a class are to have alike.
-
-    Args:
-        name: of the class.
-        classes: of the model.
-        joints: all of the model.
-        wanted: attributes of joints that are to be set; what is found is taken out.
-    """
+    """Attributes that all joints which inherit them from a class are to have alike."""
     agreed: dict[str, str | None] = {}
     for attribute in sorted({a for attributes in wanted.values() for a in attributes}):
         heirs = [j for j in joints if _inherits(j, name, attribute, classes)]
@@ -85,14 +78,7 @@ def _find_agreed(
 def _inherits(
     joint: Element, name: str, attribute: str, classes: Mapping[str, Element]
 ) -> bool:
-    """Whether a joint would have an attribute from a class that states it.
-
-    Args:
-        joint: of the model.
-        name: of the class.
-        attribute: of the joint.
-        classes: of the model.
-    """
+    """Whether a joint would have an attribute from a class that states it."""
     if joint.get(attribute) is not None:
         return False
     at: Element | None = classes.get(_find_class(joint, next(iter(classes))))

@@ -47,6 +47,7 @@ class MjcfDocument:
         self,
         path: str | os.PathLike[str],
         text: str | None = None,
+        *,
         in_place: bool = False,
     ) -> None:
         """Read a model's files.
@@ -173,14 +174,18 @@ class MjcfDocument:
             replace_children(above, above.children.index(include), pieces, replaced=1)
         return element
 
-    def get_section(self, tag: str, first: bool = False) -> Element:
-        """The last section or setting of a tag, in the main file; made if it has none.
-
-        `first`: the first one of the model instead, inlined if it was included.
-        """
+    def get_section(self, tag: str) -> Element:
+        """The main file's last section or setting of a tag; made if it has none."""
         found = self.list_sections(tag)
-        if found and (first or not found[-1].list_includes()):
-            return self.inline(found[0 if first else -1])
+        if found and not found[-1].list_includes():
+            return self.inline(found[-1])
+        return self.insert(self.root, f"<{tag}/>", first=False)
+
+    def get_first_section(self, tag: str) -> Element:
+        """The model's first section of a tag, inlined; made if it has none."""
+        found = self.list_sections(tag)
+        if found:
+            return self.inline(found[0])
         return self.insert(self.root, f"<{tag}/>", first=False)
 
     def list_default_classes(self) -> dict[str, Element]:
@@ -307,7 +312,7 @@ def _from_urdf(path: str) -> str:
 
 
 def describe_refusal(path: str, error: Exception) -> str:
-    """MuJoCo's reason for refusing a file, in one line, and what would mend a mesh."""
+    """MuJoCo's reason for refusing a file, in one line, and a mesh's remedy."""
     reason = " ".join(str(error).split())
     return f"{path}: MuJoCo cannot read it: {reason}{explain_mesh(reason)}"
 

@@ -189,13 +189,7 @@ def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, 
 
 
 def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:
-    """Make one edit in a document.
-
-    Args:
-        tree: the document; changed.
-        edit: to be made.
-        element: that it means, if it was given by its id.
-    """
+    """Make one edit in a document."""
     if isinstance(edit, SetDefault):
         owner = tree.list_default_classes()[edit.name]
         said = next((e for e in owner.own_elements() if e.tag == edit.tag), None)
@@ -208,8 +202,9 @@ def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None
     if edit.tag == "mujoco" and edit.name == "":
         element = tree.root
     elif general:
-        first = isinstance(edit, Insert) and edit.first
-        element = tree.get_section(edit.tag, first)
+        is_first = isinstance(edit, Insert) and edit.first
+        find = tree.get_first_section if is_first else tree.get_section
+        element = find(edit.tag)
     elif element is None:
         element = tree.find(edit.tag, str(edit.name))
     if isinstance(edit, Insert):

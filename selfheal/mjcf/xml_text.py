@@ -169,13 +169,7 @@ class Element:
 
 
 def _is_same_value(name: str, old: str | None, new: str | None) -> bool:
-    """Whether two values of an attribute are the same text or the same numbers.
-
-    Args:
-        name: of the attribute; names are compared as texts.
-        old: one value, None: missing.
-        new: other value, None: missing.
-    """
+    """Whether two values of an attribute are the same text or the same numbers."""
     if old is None or new is None or name == "name" or old == new:
         return old == new
     try:

@@ -18,7 +18,7 @@ POSES = 100
 def find_touching_pairs(model: "mujoco.MjModel") -> list[tuple[int, int]]:
     """Ids of bodies that touch in the reference pose and in random poses of the joints.
 
-    A pair whose distance hangs on where a free body is, a foot and the floor say, is
+    A pair whose distance depends on where a free body is, a foot and the floor say, is
     none.
 
     Args:

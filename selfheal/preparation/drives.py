@@ -124,13 +124,7 @@ def build_drives(model: "mujoco.MjModel", gains: Gains) -> list[Drive]:
 
 
 def _make_motor(model: "mujoco.MjModel", name: str, j: int) -> Drive:
-    """The torque motor of a joint.
-
-    Args:
-        model: compiled.
-        name: of the joint.
-        j: its id.
-    """
+    """The torque motor of a joint."""
     unit = "N" if _is_slide(model, j) else "N m"
     limit = _find_limit(model, j)
     says = f"a motor, whose command is in {unit}{_describe_limit(limit, unit)}"
@@ -140,14 +134,7 @@ def _make_motor(model: "mujoco.MjModel", name: str, j: int) -> Drive:
 def _make_servo(
     model: "mujoco.MjModel", name: str, gains: Gains, motor: int | None
 ) -> Drive:
-    """The position servo of a joint.
-
-    Args:
-        model: compiled.
-        name: of the joint.
-        gains: of all servos.
-        motor: id of the motor in whose place it is; None where there was none.
-    """
+    """The position servo of a joint."""
     j = model.joint(name).id
     unit, rate = ("N", "m") if _is_slide(model, j) else ("N m", "rad")
     kp = gains.kp.get(name, gains.kp.get(EVERY))

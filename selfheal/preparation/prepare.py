@@ -172,12 +172,7 @@ def _weld(spec: "mujoco.MjSpec") -> Iterator[str]:
 
 
 def _fit_keyframes(spec: "mujoco.MjSpec", is_driven: bool) -> Iterator[str]:
-    """Delete keyframes that do not fit the model; what was done.
-
-    Args:
-        spec: changed.
-        is_driven: whether drives will be made, which no keyframe commands.
-    """
+    """Delete keyframes that do not fit the model; what was done."""
     model = _compile_bare(spec)
     sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu,
              "mpos": 3 * model.nmocap, "mquat": 4 * model.nmocap}  # fmt: skip
@@ -250,13 +245,7 @@ def _replace_motors(spec: "mujoco.MjSpec", drives: Sequence[Drive]) -> None:
 def _describe_joints(
     model: "mujoco.MjModel", drives: Sequence[Drive], gains: Gains
 ) -> Iterator[str]:
-    """What each joint got, and why others got nothing.
-
-    Args:
-        model: compiled.
-        drives: that were made.
-        gains: that were given.
-    """
+    """What each joint got, and why others got nothing."""
     for drive in drives:
         yield f"joint {quote_name(drive.joint)}: {drive.says}"
     for joint, e in list_followers(model).items():

@@ -1,8 +1,8 @@
-"""Belief: what hypotheses predict and what was felt in, how likely each is out.
+"""Belief: what hypotheses predict and what was measured in, how likely each is out.
 
 A residual is Student's t about a drift: every joint's zero may have moved a little, the
 same in every action. So a drift in many readings does not outvote a few large changes,
-and one odd reading does not outvote all others. Values that change together count as
+and one outlier does not outvote all others. Values that change together count as
 the few independent ones that they are worth.
 """
 
@@ -46,22 +46,22 @@ class ResidualNoise:
 
 
 def compute_log_likelihood(
-    predicted: Floats, slope: Floats, felt: Floats, noise: ResidualNoise
+    predicted: Floats, slope: Floats, measured: Floats, noise: ResidualNoise
 ) -> Floats:
-    """How well each hypothesis explains all that was felt.
+    """How well each hypothesis explains all that was measured.
 
     Args:
         predicted: (H, M) values; NaN where the simulation failed.
         slope: (H, M, D) change of a value with each joint's zero [1/deg], or D = 0.
-        felt: (M); NaN where nothing was read.
+        measured: (M); NaN where nothing was read.
         noise: see `ResidualNoise`.
 
     Returns:
         (H) log likelihood, the drift integrated out (Laplace's approximation);
         -inf where the simulation failed.
     """
-    gap, drifts = (felt - predicted) / noise.scale, slope.shape[-1]
-    failed = (np.isnan(predicted) & ~np.isnan(felt)).any(axis=1)
+    gap, drifts = (measured - predicted) / noise.scale, slope.shape[-1]
+    failed = (np.isnan(predicted) & ~np.isnan(measured)).any(axis=1)
     y = np.nan_to_num(gap)
     x = slope / noise.scale[:, None] * noise.drift
     x = np.where(np.isnan(gap)[..., None], 0.0, np.nan_to_num(x))
@@ -112,13 +112,13 @@ class CandidateAction:
     effective_share: float = 1.0
 
 
-def score_outcomes(candidate: CandidateAction, felt: Floats) -> Floats:
-    """(..., H) log likelihood of values felt (..., M), by whichever robot it may be.
+def score_outcomes(candidate: CandidateAction, measured: Floats) -> Floats:
+    """(..., H) log likelihood of measured values (..., M), over all likely robots.
 
     -inf where no robot could be simulated.
     """
-    z = (felt[..., None, None, :] - candidate.predicted) / candidate.scale
-    failed = (np.isnan(z) & ~np.isnan(felt[..., None, None, :])).any(axis=-1)
+    z = (measured[..., None, None, :] - candidate.predicted) / candidate.scale
+    failed = (np.isnan(z) & ~np.isnan(measured[..., None, None, :])).any(axis=-1)
     fit = np.where(
         failed, -np.inf, candidate.effective_share * compute_log_t(z).sum(axis=-1)
     )
@@ -153,7 +153,7 @@ def choose_action(
     Args:
         candidates: actions.
         log_weight: (H) belief so far.
-        group: (H) hypotheses of one group need not be told apart.
+        group: (H) hypotheses of one group need not be distinguished.
         rng: draws the outcomes that are imagined.
 
     Returns:
@@ -168,9 +168,9 @@ def choose_action(
     for k, c in enumerate(candidates):
         robot = rng.integers(c.predicted.shape[1], size=_DRAWS)
         noise = rng.standard_t(DEGREES_OF_FREEDOM, size=(_DRAWS, len(c.scale)))
-        felt = c.predicted[truth, robot] + c.scale * noise
+        measured = c.predicted[truth, robot] + c.scale * noise
         pieces = -(-_DRAWS * c.predicted.size // _AT_ONCE)
-        fits = [score_outcomes(c, some) for some in np.array_split(felt, pieces)]
+        fits = [score_outcomes(c, some) for some in np.array_split(measured, pieces)]
         weight = log_weight + np.concatenate(fits)
         weight = np.exp(weight - weight.max(axis=1, keepdims=True))
         share = weight @ members

@@ -89,10 +89,10 @@ class _Evidence:
 
     Attributes:
         robot: as it was built.
-        trims: (K, 2 + D) ways it may be off, see `trim.trims`.
+        factors: (K, 2 + D) of its physics, see `engine.reflex.scale_physics`.
         trials: so far.
         scale: (T, S) of each sensor's residual at each time that is compared.
-        before: (T, S) what the robot sensed in the first trial's place when whole.
+        intact: (T, S) what the robot sensed in the first trial's place when whole.
     """
 
     robot: LeggedRobot
@@ -107,20 +107,20 @@ class _Evidence:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
         prior = np.array([-DAMAGE_COST * len(h) for h in hypotheses])
         fits = [
-            self._compute_log_likelihoods(hypotheses, trim, steps)
-            for trim in self.factors
+            self._compute_log_likelihoods(hypotheses, scaling, steps)
+            for scaling in self.factors
         ]
         return prior + np.logaddexp.reduce(fits) - np.log(len(fits))
 
     def _compute_log_likelihoods(
-        self, hypotheses: Sequence[Hypothesis], trim: Floats, steps: int
+        self, hypotheses: Sequence[Hypothesis], scaling: Floats, steps: int
     ) -> Floats:
-        """(H) log likelihood if the robot is off in this way."""
+        """(H) log likelihood with these factors of its physics."""
         total = np.zeros(len(hypotheses))
         rows = min(steps // STEPS_PER_SAMPLE, len(self.scale))
         for k, trial in enumerate(self.trials):
             drives = simulate_hypotheses(
-                self.robot, trim, hypotheses, trial.weights, rows
+                self.robot, scaling, hypotheses, trial.weights, rows
             )
             if k == 0 and () in hypotheses:  # a whole robot does what it did
                 drives.sensors[hypotheses.index(())] = self.intact[:rows]
@@ -147,7 +147,7 @@ def score_series(predicted: Floats, sensed: Floats, scale: Floats) -> Floats:
 
 def simulate_hypotheses(
     robot: LeggedRobot,
-    trim: Floats,
+    scaling: Floats,
     hypotheses: Sequence[Hypothesis],
     weights: Floats,
     rows: int,
@@ -156,7 +156,7 @@ def simulate_hypotheses(
 
     Args:
         robot: as it was built.
-        trim: (2 + D) or (H, 2 + D) how it is off, see `engine.reflex.scale_physics`.
+        scaling: (2 + D) or (H, 2 + D) factors, see `engine.reflex.scale_physics`.
         hypotheses: H of them.
         weights: (W) of the controller's synapses [1].
         rows: samples of the series.
@@ -164,7 +164,7 @@ def simulate_hypotheses(
     Returns:
         What H robots did in so many samples.
     """
-    plants = scale_physics(build_damaged_plants(robot, hypotheses), trim)
+    plants = scale_physics(build_damaged_plants(robot, hypotheses), scaling)
     return simulate_controllers(
         plants, np.tile(weights, (len(hypotheses), 1)), rows * STEPS_PER_SAMPLE
     )
@@ -178,21 +178,23 @@ def compute_residual_scale(sensed: Floats, predicted: Floats) -> Floats:
 
 
 def _compute_trusted_scale(
-    robot: LeggedRobot, trims: Floats, weights: Floats, before: Floats
+    robot: LeggedRobot, scalings: Floats, weights: Floats, before: Floats
 ) -> Floats:
     """(T, S) scale of each sensor's residual, as long as predictions say anything.
 
     Robots that walk alike while they are whole part when they are broken, and none of
     them is quite the true one: as they part from each other, they will part from it.
     """
-    model = simulate_hypotheses(robot, trims[0], [()], weights, len(before)).sensors
+    model = simulate_hypotheses(robot, scalings[0], [()], weights, len(before)).sensors
     known = compute_residual_scale(before[None], model)
-    if len(trims) == 1:
+    if len(scalings) == 1:
         return known
     broken = [(d,) for d in list_single_damages(robot) if d.kind in _CLEAR_KINDS]
     rows = COMPARED_STEPS // STEPS_PER_SAMPLE
-    one, *others = (simulate_hypotheses(robot, trim, broken, weights, rows).sensors
-                    for trim in trims)  # fmt: skip
+    one, *others = (
+        simulate_hypotheses(robot, scaling, broken, weights, rows).sensors
+        for scaling in scalings
+    )
     parted = compute_residual_scale(
         np.concatenate([one] * len(others)), np.concatenate(others)
     )
@@ -203,7 +205,7 @@ def _compute_trusted_scale(
 
 def estimate_damage(
     robot: LeggedRobot,
-    trims: Floats,
+    scalings: Floats,
     trials: Sequence[Trial],
     before: Floats,
     known: Sequence[Hypothesis],
@@ -213,16 +215,16 @@ def estimate_damage(
 
     Args:
         robot: as it was built.
-        trims: (K, 2 + D) ways it may be off, see `trim.trims`.
+        scalings: (K, 2 + D) likely factors, see `engine.reflex.scale_physics`.
         trials: at least one.
         before: (T, S) what the robot sensed under the first trial's controller when it
             was whole.
         known: what was believed before the last trial; if one of them still explains
             all, there is nothing to look for.
-        progress: told what share is done.
+        progress: called with what share is done.
     """
-    scale = _compute_trusted_scale(robot, trims, trials[0].weights, before)
-    seen = _Evidence(robot, trims, trials, scale, before)
+    scale = _compute_trusted_scale(robot, scalings, trials[0].weights, before)
+    seen = _Evidence(robot, scalings, trials, scale, before)
     weights = _weigh_hypotheses(seen, list(dict.fromkeys([(), *known])))
     for size, grown in enumerate(_grow_hypotheses(seen, weights)):
         progress((size + 1) / (MOST_DAMAGES + 2))

@@ -53,7 +53,7 @@ def fit_physics(
         weights: (W) of the controller's synapses [1].
         sensed: (T, S) what the whole robot sensed; see `engine.reflex.Rollouts`.
         rng: draws where to look.
-        progress: told what share is done.
+        progress: called with what share is done.
 
     Returns:
         See `engine.reflex.scale_physics`; one row of ones where the model is right
@@ -96,11 +96,11 @@ def _extend_horizon(
     best = np.full(len(searches), -np.inf)
     means = [search.mean for search in searches]
     for _ in range(_GENERATIONS):
-        asked = [np.vstack([s.mean, ask(s, _CHILDREN - 1, rng)]) for s in searches]
-        scores = score(np.concatenate(asked)).reshape(len(searches), -1)
-        searches = list(map(tell, searches, asked, scores))
+        drawn = [np.vstack([s.mean, ask(s, _CHILDREN - 1, rng)]) for s in searches]
+        scores = score(np.concatenate(drawn)).reshape(len(searches), -1)
+        searches = list(map(tell, searches, drawn, scores))
         for k in np.flatnonzero(scores.max(axis=1) > best):
-            best[k], means[k] = scores[k].max(), asked[k][scores[k].argmax()]
+            best[k], means[k] = scores[k].max(), drawn[k][scores[k].argmax()]
     order = np.argsort(-best, kind="stable")
     return [
         replace(searches[k], mean=means[k], sigma=max(searches[k].sigma, _LEAST_STEP))

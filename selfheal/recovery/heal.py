@@ -36,7 +36,7 @@ def heal_robot(
         weights: (K) how likely each is.
         settings: what to do.
         run: one to go on with, made by the same robots and settings; None = start.
-        progress: told the phase, what is done, and how much of it.
+        progress: called with the phase, what is done, and how much of it.
     """
     run = run or HealRun(settings)
     check_same_body(run, models)
@@ -52,9 +52,9 @@ def check_same_body(run: HealRun, models: Bodies) -> None:
         RunFileError: says what does not fit.
     """
     anatomy, targets = models.anatomy, list_targets(models.anatomy)
-    told = [run.settings.damage, *([read_damage(b) for b in p["believed"]]
+    stated = [run.settings.damage, *([read_damage(b) for b in p["believed"]]
             for p in run.phases.values() if "believed" in p)]  # fmt: skip
-    for damage in (damage for damages in told for damage in damages):
+    for damage in (damage for damages in stated for damage in damages):
         if wrong := explain_misfit(damage, targets):
             raise _make_misfit_error(f"a damage is of {wrong}")
     channels = len(list_channels(anatomy).names)
@@ -79,13 +79,13 @@ def _check_actions(run: HealRun, anatomy: Anatomy) -> None:
     """Refuse actions that are none of the probes, or felt something else than these."""
     probes = list_probes(read_gait(run.phases["gait"]), anatomy.joints)
     names = list_channels(anatomy).names
-    for k, told in enumerate(run.actions, 1):
-        if told["probe"] >= len(probes):
-            found = f"the probe of action {k} is {told['probe']}"
+    for k, taken in enumerate(run.actions, 1):
+        if taken["probe"] >= len(probes):
+            found = f"the probe of action {k} is {taken['probe']}"
             raise _make_misfit_error(f"{found}; would fit: 0 to {len(probes) - 1}")
-        count = len(find_residual_scale(probes[told["probe"]], names))
-        if told["values"].shape != (count,):
-            found = f"action {k} has {told['values'].size} values"
+        count = len(find_residual_scale(probes[taken["probe"]], names))
+        if taken["values"].shape != (count,):
+            found = f"action {k} has {taken['values'].size} values"
             raise _make_misfit_error(f"{found}; would fit: {count}")
 
 
@@ -98,9 +98,10 @@ def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
-    told = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
-    shown = [{k: v for k, v in b.items() if k != "azimuth"}
-             for b in p["verdict"]["believed"]]  # fmt: skip
+    stated = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
+    shown = [
+        {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
+    ]
     known = p["known"]["distance"]
     distance = {"intact": p["whole"]["distance"], "damaged": p["walked"]["damaged"],
                 "healed": p["walked"]["healed"], "best_known": known}  # fmt: skip
@@ -111,7 +112,7 @@ def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
         "robot": robot,
         "seed": settings.seed,
         "damage": [d.document for d in settings.damage],
-        "alarm": told,
+        "alarm": stated,
         "hypotheses": shown,
         "actions": len(run.actions),
         "distance": rounded,

@@ -16,7 +16,7 @@ from ..body.body import Bodies, Floats
 from ..body.damage import INTACT, Damage, Strike
 from ..errors import InputError
 from ..gait.pattern import SECONDS
-from ..gait.synthesis import measure_way
+from ..gait.synthesis import measure_distance
 from ..robot.base import Walker
 from .heal import check_same_body
 from .phased_run import Phase, run_phases
@@ -73,7 +73,8 @@ def heal_for_hours(
         weights: (K) how likely each is.
         settings: with hours.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: told the phase, what is done, and the share of the hours that is over.
+        progress: called with the phase, what is done, and the share of the hours
+            that is over.
     """
     run = run or HealRun(settings)
     for heal in run.heals:
@@ -120,13 +121,7 @@ class _Hours:
     def _prepare_heal(
         self, heals: Sequence[HealRun], start: float, walks: int
     ) -> HealPhases:
-        """The last heal, of a robot to which has happened what had until then.
-
-        Args:
-            heals: so far.
-            start: of the last one [s].
-            walks: that are watched.
-        """
+        """The last heal, of a robot to which has happened what had until then."""
         watch = start + LEARNING_TIME
         alarm = heals[-1].phases.get("alarm", {}).get("alarm")
         times = watch + WATCHING_TIME * np.arange(walks)
@@ -138,9 +133,9 @@ class _Hours:
         first = heals[0].phases.get("gait")
         past = Past(list_believed(heals[:-1]), watch, _TRIALS * (len(heals) - 1),
                     read_gait(first) if first else None)  # fmt: skip
-        told = partial(self._tell, start)
+        report = partial(self._tell, start)
         return HealPhases(
-            states, self.models, self.weights, heals[-1].settings, told, past
+            states, self.models, self.weights, heals[-1].settings, report, past
         )
 
     def _strike_robot(self, time: float, until: float = np.inf) -> Walker:
@@ -182,7 +177,7 @@ def _summarize_hours(run: HealRun, robot: str) -> dict[str, Any]:
     start, seconds, _ = walks[-1]
     # the first walk is a whole robot's
     whole = walks[0][2] / walks[0][1] * (start + seconds)
-    distance = sum(way for _, _, way in walks)
+    distance = sum(length for _, _, length in walks)
     events = _list_events(run, start + seconds)
     return {
         "format": "selfheal-heal-hours",
@@ -207,21 +202,21 @@ def _measure_intact(run: HealRun) -> float:
 
 
 def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
-    """Start [s], duration [s] and way [m] of each walk, in order."""
+    """Start [s], duration [s] and distance [m] of each walk, in order."""
     heals, heading = run.heals, run.settings.heading
     walks: list[tuple[float, float, float]] = []
     for k, heal in enumerate(heals):
         start = compute_start(heals[: k + 1])
         walks.append(
-            (start, LEARNING_TIME, _measure_way(heal.phases["whole"], heading))
+            (start, LEARNING_TIME, _measure_distance(heal.phases["whole"], heading))
         )
         start += LEARNING_TIME
         for each in heal.phases["alarm"]["ways"]:
             walks.append((start, WATCHING_TIME, each))
             start += WATCHING_TIME
         if alarm := heal.phases["alarm"]["alarm"]:  # the last walk ended with it
-            start, _, way = walks.pop()
-            walks.append((start, alarm["time"] - start, way))
+            start, _, length = walks.pop()
+            walks.append((start, alarm["time"] - start, length))
     return walks
 
 
@@ -232,14 +227,16 @@ def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
         if "first" in heal.phases:
             walked.append((heal.phases["alarm"]["alarm"]["time"], heal.phases["first"]))
     return [
-        (since, _PER_MINUTE * _measure_way(walk, run.settings.heading, ROWS))
+        (since, _PER_MINUTE * _measure_distance(walk, run.settings.heading, ROWS))
         for since, walk in walked
     ]
 
 
-def _measure_way(walk: Phase, heading: float, rows: int | None = None) -> float:
-    """Way [m] of the first rows of a walk; see `gait.synthesis.measure_way`."""
-    return measure_way(walk["position"][:rows], walk["orientation"][:rows], heading)
+def _measure_distance(walk: Phase, heading: float, rows: int | None = None) -> float:
+    """Distance [m] in the first rows; see `gait.synthesis.measure_distance`."""
+    return measure_distance(
+        walk["position"][:rows], walk["orientation"][:rows], heading
+    )
 
 
 def _share_first(run: HealRun, end: float) -> float:

@@ -39,9 +39,11 @@ def list_damages(
     sensors = [f"sensor:{name}" for name in list_sensors(anatomy)]
     parts = [f"body:{part}" for part in anatomy.parts]
     servos = [f"actuator:{joint}_servo" for joint in anatomy.joints]
-    joints = [(f"joint:{joint}", float(angle))
-              for joint, now in zip(anatomy.joints, angles, strict=True)
-              for angle in (now, *_JAMS)]  # fmt: skip
+    joints = [
+        (f"joint:{joint}", float(angle))
+        for joint, now in zip(anatomy.joints, angles, strict=True)
+        for angle in (now, *_JAMS)
+    ]
     found = [
         INTACT,
         *(Damage("part_scale", part, s) for part in parts for s in _SCALES),
@@ -51,14 +53,15 @@ def list_damages(
         *(Damage("sensor_dead", name) for name in sensors),
         *(Damage("weak_sensor", name, s) for name in sensors for s in STRENGTHS),
         *list_ground_damages(),
-    ]  # fmt: skip
+    ]
     return [damage for damage in found if damage.target not in gone]
 
 
 def list_ground_damages() -> list[Damage]:
     """What the ground may have become, coarsely."""
-    slopes = [Damage("slope", "world", float(s), float(a)) for s in _SLOPES
-              for a in AZIMUTHS]  # fmt: skip
+    slopes = [
+        Damage("slope", "world", float(s), float(a)) for s in _SLOPES for a in AZIMUTHS
+    ]
     return [*slopes, *(Damage("ground_friction", "world", f) for f in _FRICTIONS)]
 
 
@@ -74,10 +77,11 @@ def compute_log_prior(damages: Sequence[Damage]) -> Floats:
     names, group = group_damages(damages)
     kinds = [kind for kind, _ in names]
     share = [
-        _INTACT_PRIOR if kind == "none"
+        _INTACT_PRIOR
+        if kind == "none"
         else (1 - _INTACT_PRIOR) / (len(set(kinds)) - 1) / kinds.count(kind)
         for kind in kinds
-    ]  # fmt: skip
+    ]
     return np.log(np.array(share) / np.bincount(group))[group]
 
 
@@ -113,10 +117,13 @@ def _bisect_neighbors(best: Damage, known: list[Damage]) -> list[Damage]:
     values = np.array([d.value for d in known if d.azimuth == best.azimuth])
     first = _FIRST.get(best.kind, 0.1)
     below, above = values[values < best.value], values[values > best.value]
-    ends = (below.max() if len(below) else best.value - 2 * first,
-            above.min() if len(above) else best.value + 2 * first)  # fmt: skip
-    middle = [(best.value + end) / 2 for end in ends
-              if abs(end - best.value) > 1.5 * fine]  # fmt: skip
+    ends = (
+        below.max() if len(below) else best.value - 2 * first,
+        above.min() if len(above) else best.value + 2 * first,
+    )
+    middle = [
+        (best.value + end) / 2 for end in ends if abs(end - best.value) > 1.5 * fine
+    ]
     found = [replace(best, value=float(np.clip(v, low, high))) for v in middle]
     if best.kind == "slope":
         turns = np.array([d.azimuth - best.azimuth for d in known])

@@ -92,7 +92,7 @@ def compute_window_means(
 ) -> Floats:
     """Mean of each channel in windows of a quarter cycle.
 
-    The last two channels are a position [mm], which hangs on the heading. In place of
+    The last two channels are a position [mm], which depends on the heading. In place of
     the first a window has the length of the way travelled in it, in place of the second
     zero.
 

@@ -49,11 +49,11 @@ class PhaseSchema:
     """What a file holds of a phase.
 
     Attributes:
-        told: the type of all that is JSON.
+        document: the type of all that is JSON.
         arrays: each dataset by its name.
     """
 
-    told: type[Timed]
+    document: type[Timed]
     arrays: Mapping[str, ArraySchema] = field(default_factory=dict)
 
 
@@ -199,13 +199,7 @@ def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
 def _read_phases(
     file: Members, kind: type[PhasedRun], settings: Any
 ) -> dict[str, Phase]:
-    """The phases of an open file, in order.
-
-    Args:
-        file: opened.
-        kind: of the run.
-        settings: of the run.
-    """
+    """The phases of an open file, in order."""
     phases: dict[str, Phase] = {}
     if "phases" not in file.list_names():
         return phases
@@ -218,7 +212,7 @@ def _read_phases(
             raise group.make_error(f"member {k + 1}", repr(member), fits)
         schema, members = kind.find_schema(settings, name), group.open_group(member)
         text = members.read("told", str)
-        members.parse("told", text, schema.told)
+        members.parse("told", text, schema.document)
         arrays = members.read_table(schema.arrays)
         phases[name] = {**json.loads(text), **arrays}
         file.sizes.update(members.sizes)

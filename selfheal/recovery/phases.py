@@ -23,7 +23,7 @@ from ..gait.synthesis import (
     THREE_GAITS,
     Gait,
     evaluate_gait,
-    measure_way,
+    measure_distance,
     project_on_heading,
     synthesize_gaits,
 )
@@ -176,7 +176,7 @@ class HealPhases:
         }
 
     def _measure_distance(self, path: Floats) -> float:
-        """Way along the heading after `SECONDS` [m]."""
+        """Distance along the heading after `SECONDS` [m]."""
         last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
@@ -208,9 +208,11 @@ class HealPhases:
         """It walks on, breaks at some time, and notices."""
         gait = read_gait(done["gait"])
         predicted = self._predict_channels(gait, WATCHING_TIME)
-        felt = done["whole"]["felt"]
-        known = learn_baseline(felt, predicted[: len(felt)], gait.cycle, self.channels)
-        ways: list[float] = []
+        measured = done["whole"]["felt"]
+        known = learn_baseline(
+            measured, predicted[: len(measured)], gait.cycle, self.channels
+        )
+        distances: list[float] = []
         for shift, robot in enumerate(self.robots.watched):
             share = shift / len(self.robots.watched)
             self.progress("alarm", "walking and watching", share)
@@ -219,18 +221,19 @@ class HealPhases:
             seen = watch_walk(now, predicted, known, self.channels)
             end = round(seen.alarm.time / SAMPLE) if seen.alarm else len(now)
             path = read_position(walked)[:end], read_orientation(walked)[:end]
-            ways.append(measure_way(*path, self.settings.heading))
+            distances.append(measure_distance(*path, self.settings.heading))
             if seen.alarm:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
         if seen.alarm:
-            late = {k: round(getattr(seen.alarm, k) + before, 3)
-                    for k in ("time", "since")}  # fmt: skip
+            late = {
+                k: round(getattr(seen.alarm, k) + before, 3) for k in ("time", "since")
+            }
             alarm = {**asdict(seen.alarm), **late}
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
         return {
             "alarm": alarm,
-            "ways": ways,
+            "ways": distances,
             "angles": np.radians(angles),
             "time": seen.time + before,
             "sums": seen.sums,
@@ -248,9 +251,9 @@ class HealPhases:
             rng = np.random.default_rng([self.settings.seed, 21])
             known = find_plausible_plants(self.plants[0], walk, whole, rng)
             self.posterior = DamagePosterior(self.plants[0], actions, guesses, known)
-            for told in run.actions:
+            for taken in run.actions:
                 self.posterior.record_action(
-                    TakenAction(told["probe"], told["why"], told["values"])
+                    TakenAction(taken["probe"], taken["why"], taken["values"])
                 )
         return self.posterior
 
@@ -302,25 +305,18 @@ class HealPhases:
     def _try_gaits(
         self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
     ) -> Gait:
-        """Of new gaits and the old one that which gets the broken robot farthest.
-
-        Args:
-            name: of the phase.
-            plants: what the robot may be.
-            weights: how likely each is [1].
-            old: gait, from which one of the searches starts.
-        """
+        """Of new gaits and the old one that which gets the broken robot farthest."""
         seed = self.settings.seed + 1
         new = self.search(
             plants, rungs=THREE_GAITS, weights=weights, seed=seed, start=old,
             progress=partial(self.progress, name),
         )  # fmt: skip
         rivals = [*new, evaluate_gait(plants, old, weights=weights, seed=seed)]
-        ways = []
+        distances = []
         for k, gait in enumerate(rivals):
             self.progress(name, f"walking gait {k + 1} of {len(rivals)}", 1.0)
-            ways.append(self._walk_damaged(gait, 150 + k)["distance"])
-        return rivals[int(np.argmax(np.nan_to_num(ways, nan=-np.inf)))]
+            distances.append(self._walk_damaged(gait, 150 + k)["distance"])
+        return rivals[int(np.argmax(np.nan_to_num(distances, nan=-np.inf)))]
 
     def _walk_damaged(self, gait: Gait, trial: int) -> dict[str, Any]:
         """A gait on the broken robot: its path, and how far it came."""
@@ -367,6 +363,11 @@ def _format_hypothesis(damage: Damage, chance: float) -> dict[str, Any]:
     """A hypothesis as a phase keeps it."""
     extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
     return {**damage.document, **extra}
+
+
+def describe_belief(believed: Mapping[str, Any]) -> str:
+    """A hypothesis with its probability, in words."""
+    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
 def read_damage(believed: Mapping[str, Any]) -> Damage:

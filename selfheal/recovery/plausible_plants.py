@@ -36,41 +36,43 @@ class PlausiblePlants:
 
 
 def find_plausible_plants(
-    plant: Plant, probe: Probe, felt: Floats, rng: np.random.Generator
+    plant: Plant, probe: Probe, measured: Floats, rng: np.random.Generator
 ) -> PlausiblePlants:
     """Robots that walk as the whole one did.
 
     Args:
         plant: what it is believed to be.
         probe: a walk.
-        felt: (S, C) channels of the whole robot, walking so for as long or longer.
+        measured: (S, C) channels of the whole robot, walking so for as long or longer.
         rng: draws what else it may be.
     """
     names = list_channels(plant.body.anatomy).names
     plants = [plant, *(randomize_plant(plant, rng) for _ in range(_DRAWN_PLANTS))]
     scale = find_residual_scale(probe, names)
     whole = extract_values(
-        probe, felt[: round(len(probe.commands) * PERIOD / SAMPLE)], names
+        probe, measured[: round(len(probe.commands) * PERIOD / SAMPLE)], names
     )
-    told = predict_values(plants, probe, np.zeros(len(scale)))
-    failed = np.isnan(told).any(axis=1)
-    fit = np.where(failed, -np.inf, compute_log_t((told - whole) / scale).sum(axis=1))
+    predicted = predict_values(plants, probe, np.zeros(len(scale)))
+    failed = np.isnan(predicted).any(axis=1)
+    fit = np.where(
+        failed, -np.inf, compute_log_t((predicted - whole) / scale).sum(axis=1)
+    )
     best = np.argsort(-fit, kind="stable")[:_KEPT]
-    bias = whole - told[best]
+    bias = whole - predicted[best]
     return PlausiblePlants(
         tuple(plants[k] for k in best),
         bias,
-        _compute_effective_share(told[~failed] / scale),
+        _compute_effective_share(predicted[~failed] / scale),
     )
 
 
-def _compute_effective_share(told: Floats) -> float:
+def _compute_effective_share(predicted: Floats) -> float:
     """How many independent values (N, M) are worth, as a share of M.
 
     The participation ratio of their correlations: whether a robot tips, say, changes
     all of its values at once.
     """
-    varies = told[:, told.std(axis=0) > 0]
+    varies = predicted[:, predicted.std(axis=0) > 0]
     together = np.corrcoef(varies, rowvar=False)
     return float(varies.shape[1] / np.sum(together**2))
 
@@ -87,7 +89,9 @@ def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) ->
         (H, K, M) values that count.
     """
     return np.stack(
-        [predict_values([apply_damages(plant, d) for d in damages], probe, bias)
-         for plant, bias in zip(known.plants, known.bias, strict=True)],
+        [
+            predict_values([apply_damages(plant, d) for d in damages], probe, bias)
+            for plant, bias in zip(known.plants, known.bias, strict=True)
+        ],
         axis=1,
-    )  # fmt: skip
+    )

@@ -83,7 +83,7 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
 
 
 def infer_damage(
-    known: ActionTables, rng: np.random.Generator, *, chosen: bool = True
+    known: ActionTables, rng: np.random.Generator, *, chosen: bool
 ) -> Iterator[tuple[int, Floats]]:
     """Belief after one more action each, until every action was taken.
 
@@ -104,8 +104,10 @@ def infer_damage(
         left = np.setdiff1d(np.arange(len(known.measured)), tried)
         if chosen:
             blur = [widen_scale(scale, known.slope[0, a], DRIFT) for a in left]
-            candidates = [CandidateAction(known.predicted[:, None, a], b)
-                          for a, b in zip(left, blur, strict=True)]  # fmt: skip
+            candidates = [
+                CandidateAction(known.predicted[:, None, a], b)
+                for a, b in zip(left, blur, strict=True)
+            ]
             pick, _ = choose_action(candidates, weight, group, rng)
             tried.append(int(left[pick]))
         else:

@@ -33,7 +33,7 @@ _TWINS = round(1 / FALSE_ALARM) - 1  # so that the robot is the worst of 20
 
 def is_refuted(
     robot: LeggedRobot,
-    trims: Floats,
+    scalings: Floats,
     belief: HypothesisPosterior,
     trials: Sequence[Trial],
     rng: np.random.Generator,
@@ -42,23 +42,23 @@ def is_refuted(
 
     Args:
         robot: as it was built.
-        trims: (K, 2 + D) ways it may be off, see `engine.reflex.scale_physics`.
+        scalings: (K, 2 + D) likely factors, see `engine.reflex.scale_physics`.
         belief: what may have happened.
         trials: moves, not fitted by the belief if the false alarms are to hold.
         rng: draws the twins.
     """
-    factors = rng.integers(len(trims), size=_TWINS)
+    factors = rng.integers(len(scalings), size=_TWINS)
     twins = _draw_twins(belief, rng)
     moves = [
-        _score_move(robot, trims, belief, trial, trims[factors], twins)
+        _score_move(robot, scalings, belief, trial, scalings[factors], twins)
         for trial in trials
     ]
     fits = np.sum(moves, axis=0)
-    if len(trims) > 1:  # a twin is not predicted by itself
+    if len(scalings) > 1:  # a twin is not predicted by itself
         fits[np.arange(_TWINS), factors] = -np.inf
     with np.errstate(divide="ignore"):
         chance = np.log(belief.probability)[:, None]
-    total = np.logaddexp.reduce(fits + chance, axis=(1, 2)) - np.log(len(trims))
+    total = np.logaddexp.reduce(fits + chance, axis=(1, 2)) - np.log(len(scalings))
     failed = total < -DAMAGE_COST
     lasted = np.where(failed.any(axis=1), failed.argmax(axis=1), failed.shape[1])
     return bool(lasted[-1] < lasted[:-1].min())
@@ -80,7 +80,7 @@ def _draw_twins(
 
 def _score_move(
     robot: LeggedRobot,
-    trims: Floats,
+    scalings: Floats,
     belief: HypothesisPosterior,
     trial: Trial,
     factors: Floats,
@@ -90,10 +90,10 @@ def _score_move(
 
     Args:
         robot: as it was built.
-        trims: (K, 2 + D) ways it may be off.
+        scalings: (K, 2 + D) likely factors of its physics.
         belief: its H hypotheses predict.
         trial: the move, and what the robot answered.
-        factors: (N, 2 + D) how each twin is off.
+        factors: (N, 2 + D) of each twin.
         twins: N hypotheses that are true of them.
 
     Returns:
@@ -104,10 +104,12 @@ def _score_move(
     rows, weights = len(scale), trial.weights
     moved = simulate_hypotheses(robot, factors, twins, weights, rows).sensors
     sensed = [*moved, trial.sensors[:rows]]
-    fits = np.empty((len(sensed), len(trims), len(belief.hypotheses), rows))
-    for k, trim in enumerate(trims):
-        told = simulate_hypotheses(robot, trim, belief.hypotheses, weights, rows)
+    fits = np.empty((len(sensed), len(scalings), len(belief.hypotheses), rows))
+    for k, scaling in enumerate(scalings):
+        predicted = simulate_hypotheses(
+            robot, scaling, belief.hypotheses, weights, rows
+        )
         for n, series in enumerate(sensed):
-            fit = score_series(told.sensors, series, scale)
-            fits[n, k] = np.where(told.failed[:, None], -np.inf, fit)
+            fit = score_series(predicted.sensors, series, scale)
+            fits[n, k] = np.where(predicted.failed[:, None], -np.inf, fit)
     return fits

@@ -171,7 +171,7 @@ class HoursResult:
         robot: its name.
         hours: that it walked, alarms and all [h].
         intact: speed when whole [m/min].
-        distance: walked, see `gait.synthesis.measure_way` [m].
+        distance: walked, see `gait.synthesis.measure_distance` [m].
         kept: share of what a robot that stays whole would have walked [1].
         kept_first: the same had it kept its first gait, by a walk after each alarm [1].
         events: in order of time.
@@ -339,8 +339,8 @@ class HealRun(PhasedRun):
             return "the settings have not as many onsets as damages"
         if self.settings.hours:
             raised = [heal.phases.get("alarm", {}).get("alarm") for heal in self.heals]
-            told = [event["alarm"] for event in self.result.get("events", ())]
-            if self.result and sum(map(bool, raised)) != sum(map(bool, told)):
+            stated = [event["alarm"] for event in self.result.get("events", ())]
+            if self.result and sum(map(bool, raised)) != sum(map(bool, stated)):
                 return "the result and the phases differ in how many alarms there were"
             return ""
         left = self.list_next_phases(self.settings, tuple(self.phases))
@@ -360,8 +360,10 @@ def _list_next_of_hours(settings: Any, done: Sequence[str]) -> Sequence[str]:
     own = [name.partition(_ROUND)[0] for name in done
            if name == "gait" or name.endswith(f"{_ROUND}{heal}")]  # fmt: skip
     single = replace(settings, hours=0.0, onsets=())
-    left = ["first" if name == "known" else name
-            for name in HealRun.list_next_phases(single, own)]  # fmt: skip
+    left = [
+        "first" if name == "known" else name
+        for name in HealRun.list_next_phases(single, own)
+    ]
     if not left:
         left, heal = ["whole"], heal + 1
     return [HealRun.name_phase(name, heal) for name in left]

@@ -80,7 +80,7 @@ def recover_robot(
         robot: while it is whole.
         settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
-        progress: told the phase, what is done, and how much of it.
+        progress: called with the phase, what is done, and how much of it.
     """
     work = RecoverPhases(robot, settings, progress)
     return run_phases(run or RecoverRun(settings), work.run_next, summarize_run)
@@ -111,7 +111,7 @@ class RecoverPhases:
         self.intact, self.damaged = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
-        self.no_scaling = np.ones(2 + len(self.legged.motors))  # the model, not trimmed
+        self.no_scaling = np.ones(2 + len(self.legged.motors))  # the model, not scaled
 
     def run_next(self, run: RecoverRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
@@ -152,10 +152,10 @@ class RecoverPhases:
     def _fit_physics(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
         """How the robot may be off its model, by how it walked."""
 
-        def told(share: float) -> None:
+        def report(share: float) -> None:
             self.progress(name, "fitting the model", share)
 
-        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, told)
+        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, report)
 
     def _run_failure(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -191,12 +191,12 @@ class RecoverPhases:
         """What may have broken, by the sensors' series."""
         whole = run.phases["original"]
 
-        def told(share: float) -> None:
+        def report(share: float) -> None:
             self.progress(name, f"{len(run.trials)} trials", share)
 
         known = [h for p in run.estimates for h in read_hypotheses(p)]
         belief = estimate_damage(
-            self.legged, whole["trims"], run.trials, whole["sensed"], known, told
+            self.legged, whole["trims"], run.trials, whole["sensed"], known, report
         )
         refuted = bool(list(run.phases.values())[-1].get("refuted"))
         return {"believed": serialize_hypotheses(belief.hypotheses),
@@ -221,11 +221,11 @@ class RecoverPhases:
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
             seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
-            trim = run.phases["original"]["trims"][0]
-            score = self._make_displacement_score(_keep_plausible(believed), trim)
+            scaling = run.phases["original"]["trims"][0]
+            score = self._make_displacement_score(_keep_plausible(believed), scaling)
             pool = self._run_search(name, score, rng, seeds, mutation=_MUTATION)
             scale = phase["scale"]
-            pick, why = self._choose_separating(pool, believed, trim, scale, rng)
+            pick, why = self._choose_separating(pool, believed, scaling, scale, rng)
         else:
             seeds = np.array([trial.weights for trial in run.trials])
             pool = self._run_search(
@@ -315,22 +315,23 @@ class RecoverPhases:
         return pool
 
     def _simulate_hypotheses(
-        self, hypotheses: list[Hypothesis], weights: Floats, trim: Floats
+        self, hypotheses: list[Hypothesis], weights: Floats, scaling: Floats
     ) -> Rollouts:
-        """Controllers on the trimmed robot as hypotheses have it, one each."""
+        """Controllers on the scaled model as hypotheses have it, one each."""
         return simulate_controllers(
-            scale_physics(build_damaged_plants(self.legged, hypotheses), trim), weights
+            scale_physics(build_damaged_plants(self.legged, hypotheses), scaling),
+            weights,
         )
 
     def _make_displacement_score(
-        self, believed: list[tuple[Hypothesis, float]], trim: Floats
+        self, believed: list[tuple[Hypothesis, float]], scaling: Floats
     ) -> Score:
-        """How far controllers are expected to come on the trimmed robot [m]."""
+        """How far controllers are expected to come on the scaled model [m]."""
 
         def score(genomes: Floats) -> Floats:
             said = [h for h, _ in believed for _ in genomes]
             weights = np.tile(genomes, (len(believed), 1))
-            ways = self._simulate_hypotheses(said, weights, trim).displacement
+            ways = self._simulate_hypotheses(said, weights, scaling).displacement
             return np.array([p for _, p in believed]) @ ways.reshape(-1, len(genomes))
 
         return score
@@ -339,7 +340,7 @@ class RecoverPhases:
         self,
         pool: Population,
         believed: list[tuple[Hypothesis, float]],
-        trim: Floats,
+        scaling: Floats,
         scale: Floats,
         rng: np.random.Generator,
     ) -> tuple[int, str]:
@@ -354,7 +355,7 @@ class RecoverPhases:
             return 0, "the best one"
         said = [h for _ in good for h, _ in doubts]
         weights = np.repeat(pool.genomes[good], len(doubts), axis=0)
-        thin = self._simulate_hypotheses(said, weights, trim).sensors[
+        thin = self._simulate_hypotheses(said, weights, scaling).sensors[
             :, : len(scale) : _SAMPLE_STRIDE
         ]
         tables = thin.reshape(len(good), len(doubts), 1, -1)

@@ -181,9 +181,11 @@ class RecoverRun(PhasedRun):
         done = self.phases
         asked = {"failure": "original"}
         asked |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
-        return [Trial(done[by]["weights"], float(done[name]["way"]),
-                      done[name]["sensed"])
-                for name, by in asked.items() if name in done]  # fmt: skip
+        return [
+            Trial(done[by]["weights"], float(done[name]["way"]), done[name]["sensed"])
+            for name, by in asked.items()
+            if name in done
+        ]
 
     @staticmethod
     def measure_sizes(settings: Any) -> dict[str, int]:
@@ -293,14 +295,14 @@ def summarize_run(run: RecoverRun) -> dict[str, Any]:
     """What `recover --json` prints (contract section 3)."""
     s, p = run.settings, run.phases
     tried = [name for name in p if name.startswith("trial")]
-    ways = [p[name]["way"] for name in tried]
+    distances = [p[name]["way"] for name in tried]
     broken = p["failure"]["way"]
     if s.method == "hardware-only":
         healed, spent = p["hardware"]["way"], p["hardware"]["asked"]
     else:
         # 2004 judges by the last trial; we stay with what went farthest
-        healed = max([broken, *ways]) if s.method == "ours" else ways[-1]
-        spent = len(ways)
+        healed = max([broken, *distances]) if s.method == "ours" else distances[-1]
+        spent = len(distances)
     predicted = [p[name.replace("trial", "explore")]["predicted"] for name in tried]
     distance = {"intact": p["original"]["way"], "damaged": broken, "healed": healed}
     return {
@@ -317,13 +319,15 @@ def summarize_run(run: RecoverRun) -> dict[str, Any]:
         "actions": spent,
         "trials": [
             {"predicted": _round_finite(a), "walked": _round_finite(b)}
-            for a, b in zip(predicted, ways, strict=True)
+            for a, b in zip(predicted, distances, strict=True)
         ],
         "distance": {k: _round_finite(v) for k, v in distance.items()}
         | {"best_known": None},
         "predicted": {
             "intact": _round_finite(p["original"]["best"][-1]),
-            "healed": _round_finite(predicted[int(np.argmax(ways))]) if ways else None,
+            "healed": _round_finite(predicted[int(np.argmax(distances))])
+            if distances
+            else None,
         },
         "seconds": round(run.seconds, 1),
     }
@@ -349,9 +353,11 @@ def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
                 or (h == () and damage == INTACT) for h in believed]  # fmt: skip
         return sum(p for p, one in zip(chance, said, strict=True) if one)
 
-    told = [{**d.document, "probability": round(share(d), 4)}
-            for d in believed[0] or (INTACT,)]  # fmt: skip
-    return sorted(told, key=lambda d: -float(d["probability"]))
+    marginals = [
+        {**d.document, "probability": round(share(d), 4)}
+        for d in believed[0] or (INTACT,)
+    ]
+    return sorted(marginals, key=lambda d: -float(d["probability"]))
 
 
 def is_damage_named(run: RecoverRun) -> bool | None:

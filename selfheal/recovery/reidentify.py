@@ -1,4 +1,4 @@
-"""Re-identification: a robot in doubt acts, until one hypothesis explains what it felt.
+"""Re-identification: a robot in doubt acts, until one hypothesis explains its readings.
 
 Between actions the likeliest hypotheses are made finer: new values between old ones.
 """
@@ -48,7 +48,7 @@ _REFINEMENTS = 4  # rounds of finer values once the kind is known
 
 @dataclass(frozen=True)
 class TakenAction:
-    """An action taken and what was felt.
+    """An action taken and what was measured.
 
     Attributes:
         probe: index into the probes.
@@ -70,7 +70,7 @@ class DamagePosterior:
         probes: actions it may take.
         damages: H hypotheses.
         plausible: robots that walk as it did while it was whole.
-        told: actions so far.
+        taken: actions so far.
     """
 
     plant: Plant
@@ -97,13 +97,13 @@ class DamagePosterior:
         ]
 
     def compute_log_weights(self) -> Floats:
-        """(H) belief, from the prior and all that was felt."""
+        """(H) belief, from the prior and all that was measured."""
         weight = compute_log_prior(self.damages)
         poses = [t for t in self.taken if not self._is_walk(t.probe)]
-        for told in self.taken:
-            if self._is_walk(told.probe):
-                shown = self._make_candidate(told.probe, self._tables)
-                weight = weight + score_outcomes(shown, told.measured)
+        for action in self.taken:
+            if self._is_walk(action.probe):
+                shown = self._make_candidate(action.probe, self._tables)
+                weight = weight + score_outcomes(shown, action.measured)
         if not poses:
             return weight
         tried = [t.probe for t in poses]
@@ -130,8 +130,9 @@ class DamagePosterior:
         None where no probe can be expected to tell more. Poses are predicted by
         `statics` for this, and the walk by MuJoCo once.
         """
-        left = [k for k in range(len(self.probes))
-                if k not in [t.probe for t in self.taken]]  # fmt: skip
+        left = [
+            k for k in range(len(self.probes)) if k not in [t.probe for t in self.taken]
+        ]
         for k in left:
             self._extend_table(self._approximations, k, self._approximate)
         weight, group = self.compute_log_weights(), self._find_open_groups()
@@ -151,7 +152,7 @@ class DamagePosterior:
         return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
 
     def _needs_size(self) -> bool:
-        """Whether it is a part's scale, and how much is not asked enough yet."""
+        """Whether it is a part's scale, and how much is not measured enough yet."""
         kind = self.rank_damages()[0][0].kind
         return kind == "part_scale" and len(self.taken) < _SIZE_ACTIONS
 
@@ -189,21 +190,21 @@ class DamagePosterior:
             why: it was taken.
             sensed: (S, C) channels.
         """
-        felt = extract_values(self.probes[probe], sensed, self._names)
-        self.record_action(TakenAction(probe, why, felt))
+        measured = extract_values(self.probes[probe], sensed, self._names)
+        self.record_action(TakenAction(probe, why, measured))
 
-    def record_action(self, told: TakenAction) -> None:
+    def record_action(self, action: TakenAction) -> None:
         """Take note of an action that was taken, here or in an earlier process."""
-        self.taken.append(told)
+        self.taken.append(action)
         if (
-            self.probes[told.probe].target is None
-            and told.probe in self._approximations
+            self.probes[action.probe].target is None
+            and action.probe in self._approximations
         ):
-            self._tables[told.probe] = self._approximations[
-                told.probe
+            self._tables[action.probe] = self._approximations[
+                action.probe
             ]  # exact as it is
-        self._extend_table(self._tables, told.probe, self._predict)
-        self._extend_table(self._slopes, told.probe, self._compute_slopes)
+        self._extend_table(self._tables, action.probe, self._predict)
+        self._extend_table(self._slopes, action.probe, self._compute_slopes)
         self._refine_hypotheses(3)
 
     def refine_values(self) -> None:
@@ -217,9 +218,9 @@ class DamagePosterior:
         new = refine_damages(self.damages, self.compute_log_weights(), count)
         self.damages += new
         self._plants += apply_each_damage(self.plant, new)
-        for told in self.taken:
-            self._extend_table(self._tables, told.probe, self._predict)
-            self._extend_table(self._slopes, told.probe, self._compute_slopes)
+        for action in self.taken:
+            self._extend_table(self._tables, action.probe, self._predict)
+            self._extend_table(self._slopes, action.probe, self._compute_slopes)
         return bool(new)
 
     def rank_damages(self) -> list[tuple[Damage, float]]:
@@ -239,7 +240,7 @@ class DamagePosterior:
 
     @property
     def is_done(self) -> bool:
-        """Whether it is sure enough, or has asked enough."""
+        """Whether it is sure enough, or has acted enough."""
         if len(self.taken) < _FEWEST_ACTIONS:
             return False
         if self.rank_damages()[0][1] >= SURE:

@@ -37,7 +37,7 @@ def walk_trial(
         name: of the gait's pattern.
         heading: direction to walk [rad].
         seed: of everything random.
-        progress: told what is done.
+        progress: called with what is done.
 
     Returns:
         What `selfheal gait --json` prints. Energy is the positive mechanical work of

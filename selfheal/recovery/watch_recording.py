@@ -116,10 +116,12 @@ def _watch_episode(
     """One episode over time."""
     episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"
     commands = _resample_commands(episode, body.anatomy, where)
-    time, felt = read_channels(recording, body.anatomy, name)
+    time, measured = read_channels(recording, body.anatomy, name)
     begin = _find_begin(episode)
     grid = np.arange(1, round((time[-1] - begin) / SAMPLE) + 1) * SAMPLE
-    now = np.stack([_resample_channel(begin + grid, time, c) for c in felt.T], axis=1)
+    now = np.stack(
+        [_resample_channel(begin + grid, time, c) for c in measured.T], axis=1
+    )
     plants = [build_rated_plant(body)]
     predicted = compute_channels(simulate_walks(plants, commands[None]), plants)[0]
     blind = np.isnan(now).any(axis=0)
@@ -173,16 +175,16 @@ def _watch_rest_episodes(
 ) -> dict[str, Any]:
     """Episodes of one reading at rest each."""
     channels, plants = list_channels(anatomy), [build_rated_plant(body)]
-    felt, expected = [], []
+    measured, expected = [], []
     for name in names:
         where = f"{recording.file}, episode {name!r}"
         episode = recording.episodes[name]
-        felt.append(read_channels(recording, anatomy, name)[1][-1, :-2])
+        measured.append(read_channels(recording, anatomy, name)[1][-1, :-2])
         target = episode.ctrl[-1, _find_servo_columns(episode, anatomy, where)]
         guessed = approximate_values(plants, Probe("", target[None], target))[0]
         expected.append(guessed[anatomy.size :])
     scale = np.array([REST_SCALES[k] for k in classify_channels(channels.names)[:-2]])
-    readings = PoseReadings(np.array(felt), np.array(expected), scale)
+    readings = PoseReadings(np.array(measured), np.array(expected), scale)
     alarm = watch_poses(readings, channels)
     at = None if alarm is None else names[round(alarm.time) - 1]
     return {

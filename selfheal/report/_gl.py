@@ -21,26 +21,28 @@ import numpy as np
 CAMERA = "selfheal film"
 
 
-def render_scene(model: "mujoco.MjModel", told: Mapping[str, np.ndarray]) -> np.ndarray:
+def render_scene(
+    model: "mujoco.MjModel", inputs: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """Pictures (F, height, width, 3) uint8 of a model in each pose."""
-    data, height, width = mujoco.MjData(model), *map(int, told["size"])
+    data, height, width = mujoco.MjData(model), *map(int, inputs["size"])
     mujoco.mj_kinematics(model, data)
     option = _choose_visible(model)
-    pictures = np.empty((len(told["poses"]), height, width, 3), np.uint8)
+    pictures = np.empty((len(inputs["poses"]), height, width, 3), np.uint8)
     with mujoco.Renderer(model, height, width) as renderer:
         for f, picture in enumerate(pictures):
-            _place_bodies(model, data, told["poses"][f])
+            _place_bodies(model, data, inputs["poses"][f])
             renderer.update_scene(data, camera=CAMERA, scene_option=option)
             scene, count = renderer.scene, renderer.scene.ngeom
-            if "paint" in told:
-                _paint(scene, range(count), told["paint"])
-            if "ghost" in told:
-                _place_bodies(model, data, told["ghost"][f])
+            if "paint" in inputs:
+                _paint(scene, range(count), inputs["paint"])
+            if "ghost" in inputs:
+                _place_bodies(model, data, inputs["ghost"][f])
                 dynamic = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
                 mujoco.mjv_addGeoms(
                     model, data, option, mujoco.MjvPerturb(), dynamic, scene
                 )
-                _paint(scene, range(count, scene.ngeom), told["ghost_paint"])
+                _paint(scene, range(count, scene.ngeom), inputs["ghost_paint"])
             renderer.render(out=picture)
     return pictures
 
@@ -89,8 +91,8 @@ def main(folder: str) -> None:
     """Render all scenes of a folder."""
     for k in range(sum(name.endswith(".mjb") for name in os.listdir(folder))):
         model = mujoco.MjModel.from_binary_path(f"{folder}/model_{k}.mjb")
-        with np.load(f"{folder}/scene_{k}.npz") as told:
-            np.save(f"{folder}/pictures_{k}.npy", render_scene(model, dict(told)))
+        with np.load(f"{folder}/scene_{k}.npz") as inputs:
+            np.save(f"{folder}/pictures_{k}.npy", render_scene(model, dict(inputs)))
 
 
 if __name__ == "__main__":

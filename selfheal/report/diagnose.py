@@ -56,7 +56,7 @@ def make_diagnosis_page(
     """The page of a diagnosis, as one self-contained HTML text.
 
     Args:
-        diagnosis: to be told.
+        diagnosis: to be shown.
         model: the file that was given.
         recordings: the files that it was compared with.
     """
@@ -146,8 +146,10 @@ def _list_notes(finding: Mapping[str, Any]) -> Iterable[Html]:
         )
     if onset := where.get("onset"):
         moment = format_quantity({**onset, "value": onset.get("time"), "unit": "s"})
-        yield join_markup(mark_text(named, "right"), f" sets in at {moment} of episode "
-                   f"{onset.get('episode')}.")  # fmt: skip
+        yield join_markup(
+            mark_text(named, "right"),
+            f" sets in at {moment} of episode {onset.get('episode')}.",
+        )
     effect = load_catalogue().get(finding["effect"])
     for field in effect.finding_fields if effect is not None else ():
         value = finding.get(field.name)

@@ -41,8 +41,9 @@ def _build_prism() -> Floats:
     angle = 2 * np.pi * (np.arange(_SIDES + 1) + 0.5) / _SIDES
     near = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
     far = near + [1, 0, 0]
-    sides = [np.array([near[k + 1], far[k + 1], far[k], near[k]])
-             for k in range(_SIDES)]  # fmt: skip
+    sides = [
+        np.array([near[k + 1], far[k + 1], far[k], near[k]]) for k in range(_SIDES)
+    ]
     return _pad_faces([*sides, far[:-1], near[:-1][::-1]])
 
 
@@ -71,6 +72,10 @@ class Camera:
         toward = [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
         right = [-np.sin(a), np.cos(a), 0.0]
         return np.array([right, np.cross(toward, right), toward])
+
+    def move(self, x: float, y: float) -> "Camera":
+        """This view with its target at another place of the picture."""
+        return replace(self, at=np.array([x, y, 0.0]))
 
     def project(self, points: Floats) -> Floats:
         """(..., 3) right, up and depth (near is large) of points (..., 3) [m]."""
@@ -132,36 +137,32 @@ def measure_window(bodies: Bodies, camera: Camera) -> Floats:
 
 def draw_body(
     ax: "Axes",
-    bodies: Bodies,
-    row: int = 0,
+    body: Bodies,
     *,
     camera: Camera,
     colors: Sequence[str],
-    at: tuple[float, float] = (0.0, 0.0),
     numbers: bool = False,
     pale: Bodies | None = None,
 ) -> None:
-    """Draw one body, its middle at a place of the axes, a meter as one unit.
+    """Draw one body, its middle where the camera has it, a meter as one unit.
 
     Args:
         ax: takes the drawing.
-        bodies: a batch.
-        row: which of them.
+        body: a batch of one.
         camera: see `Camera`; its target is moved to the body's middle.
         colors: of each part.
-        at: the place.
         numbers: whether parts carry their numbers, from 1.
         pale: bodies that are drawn behind it, with its torso.
     """
-    camera = replace(camera, target=_find_middle(bodies, row), at=np.array([*at, 0.0]))
+    camera = replace(camera, target=_find_middle(body, 0))
     for other in range(len(pale) if pale else 0):
         assert pale is not None
         faces = _build_faces(pale, other, [LINE] * pale.anatomy.size)
         _draw_faces(ax, camera, *faces, zorder=0)
-    _draw_rim(ax, bodies, camera)
-    _draw_faces(ax, camera, *_build_faces(bodies, row, colors))
+    _draw_rim(ax, body, camera)
+    _draw_faces(ax, camera, *_build_faces(body, 0, colors))
     if numbers:
-        _write_numbers(ax, bodies, row, camera, colors)
+        _write_numbers(ax, body, camera, colors)
 
 
 def _draw_faces(
@@ -244,17 +245,18 @@ def _draw_rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
     ax.plot(seen[:, 0], seen[:, 1], color=MUTED, lw=0.7, ls=(0, (3, 2)), zorder=1)
     top = float(bodies.anatomy.torso_half[2])
     size = 0.6 * float(bodies.anatomy.torso_half[:2].min())
-    arrow = np.array([[size, 0, top], [-size / 2, size / 2, top],
-                      [-size / 2, -size / 2, top]])  # fmt: skip
+    arrow = np.array(
+        [[size, 0, top], [-size / 2, size / 2, top], [-size / 2, -size / 2, top]]
+    )
     seen = camera.project(arrow)
     ax.fill(seen[:, 0], seen[:, 1], color=LINE, lw=0, zorder=3)
 
 
 def _write_numbers(
-    ax: "Axes", bodies: Bodies, row: int, camera: Camera, colors: Sequence[str]
+    ax: "Axes", body: Bodies, camera: Camera, colors: Sequence[str]
 ) -> None:
     """Each part's number on its middle."""
-    points = compute_part_points(bodies, 0.62)[row]
+    points = compute_part_points(body, 0.62)[0]
     for i, middle in enumerate(points):
         x, y, _ = camera.project(middle)
         badge = {"boxstyle": "circle,pad=0.22", "fc": PAPER, "ec": colors[i], "lw": 1}

@@ -32,10 +32,10 @@ def choose_channels(run: Run, most: int) -> list[int]:
         most: how many.
     """
     channels = list_channels(run.anatomy)
-    felt = np.array([cycle.felt for cycle in run.cycles])
+    measured = np.array([cycle.felt for cycle in run.cycles])
     predicted = run.cycles[-1].tables[0][[cycle.action for cycle in run.cycles]]
-    known = np.isfinite(felt).any(axis=0)
-    gap = np.nan_to_num(np.abs(predicted - felt)).mean(axis=0) * channels.weight
+    known = np.isfinite(measured).any(axis=0)
+    gap = np.nan_to_num(np.abs(predicted - measured)).mean(axis=0) * channels.weight
     worst = np.lexsort((-gap, channels.shown == 0, ~known))[:most]
     return sorted(int(k) for k in worst if known[k] or not known.any())
 

@@ -96,11 +96,9 @@ def draw_best_body(run: Run) -> "Figure":
             at = (edge + (2 * column + 1) * half[0], top - head - half[1])
             draw_body(
                 ax,
-                bodies,
-                row,
-                camera=camera,
+                bodies[[row]],
+                camera=camera.move(*at),
                 colors=choose_colors(run, bodies, row),
-                at=at,
                 numbers=column == 0,
                 pale=pale if row == 0 else None,
             )
@@ -131,7 +129,7 @@ def draw_candidates(run: Run) -> "Figure":
         for row in range(len(bodies)):
             at = (side + (2 * row + 1) * half[0], top - head - half[1])
             paint = choose_colors(run, bodies, row)
-            draw_body(ax, bodies, row, camera=camera, colors=paint, at=at)
+            draw_body(ax, bodies[[row]], camera=camera.move(*at), colors=paint)
             title = _format_candidate_title(run, run.cycles[k], bodies, row)
             ax.text(at[0], top - head / 2, title, fontsize=8, ha="center", va="center")
     return fig

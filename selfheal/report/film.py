@@ -38,14 +38,14 @@ def make_film(
     if shown is None:
         return draw_animation(lanes, heading, caption, sample=sample)
     squares = f" Rendered by MuJoCo; squares of {SQUARE} m, the dark line is the start."
-    frames = join_strips([lane.title for lane in lanes], shown)
+    frames = join_strips([lane.title for lane in lanes], shown, beside=False)
     return embed_animation(
         encode_webp(frames, duration=FRAME / 2), "webp", caption + squares
     )
 
 
 def join_strips(
-    titles: Sequence[str], shown: np.ndarray, *, beside: bool = False
+    titles: Sequence[str], shown: np.ndarray, *, beside: bool
 ) -> list["Image"]:
     """Pictures of several strips, each below its title.
 

@@ -11,7 +11,7 @@ from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import project_on_heading
 from ..printable import make_printable
-from ..recovery.phases import read_damage
+from ..recovery.phases import describe_belief, read_damage
 from ..recovery.record import HealRun, read_gait
 from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
 from .film import make_film
@@ -64,11 +64,11 @@ def _write_lead(run: HealRun) -> str:
     happened = ", ".join(str(d) for d in run.settings.damage)
     if alarm is None:
         return f"What happened ({happened}) did not change the walk: no alarm."
-    asked = run.result["actions"]
+    count = run.result["actions"]
     noticed = describe_alarm(alarm, run.settings.onset)
     return (
-        f"What happened: {happened}. The robot raised an {noticed}, and after {asked} "
-        f"action{'s' * (asked != 1)} said: {read_damage(best)} "
+        f"What happened: {happened}. The robot raised an {noticed}, and after {count} "
+        f"action{'s' * (count != 1)} said: {read_damage(best)} "
         f"({100 * best['probability']:.0f} % sure). It walked "
         f"{distance['intact']:.2f} m whole, {distance['damaged']:.2f} m broken with "
         f"its old gait, and {distance['healed']:.2f} m with a new one."
@@ -80,7 +80,7 @@ def describe_alarm(alarm: Mapping[str, Any], onset: float | None) -> str:
 
     Args:
         alarm: of a phase or a result; both have the same time.
-        onset: of the damage [s]; None where that is told elsewhere.
+        onset: of the damage [s]; None where that is said elsewhere.
     """
     said = f"alarm at {alarm['time']:.1f} s by {alarm['sensor'].replace('_', ' ')}"
     if onset is None:
@@ -155,17 +155,17 @@ def _make_bodies_section(run: HealRun, before: Bodies, after: Bodies) -> Section
     ax.set_axis_off()
     ax.set_xlim(-2 * half[0], 2 * half[0])
     ax.set_ylim(-half[1], half[1])
-    plain = [NEUTRAL] * before.anatomy.size
-    draw_body(ax, before, camera=camera, colors=plain, at=(-half[0], 0.0))
-    draw_body(
-        ax, after, camera=camera, colors=_choose_colors(run, after), at=(half[0], 0.0)
-    )
+    whole = [NEUTRAL] * before.anatomy.size
+    draw_body(ax, before, camera=camera.move(-half[0], 0.0), colors=whole)
+    colors = _choose_colors(run, after)
+    draw_body(ax, after, camera=camera.move(half[0], 0.0), colors=colors)
     for x, title in ((-1.95 * half[0], "before"), (0.05 * half[0], "after")):
         ax.text(x, 0.92 * half[1], title, color=INK, fontsize=10)
     caption = "The body that the robot believes in; what the damage touches is orange."
     best = run.phases["verdict"]["believed"][0]
-    words = make_paragraph(f"It believes: {read_damage(best)}, "
-                      f"{100 * best['probability']:.0f} % sure.")  # fmt: skip
+    words = make_paragraph(
+        f"It believes: {read_damage(best)}, {100 * best['probability']:.0f} % sure."
+    )
     return Section("Body before and after", (words, embed_figure(fig, caption)))
 
 
@@ -173,8 +173,10 @@ def _choose_colors(run: HealRun, body: Bodies) -> list[str]:
     """A color for each part: orange where the damage is."""
     name = read_damage(run.phases["verdict"]["believed"][0]).name
     a = body.anatomy
-    hit = [name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
-           for part, joint in zip(a.parts, a.joints, strict=True)]  # fmt: skip
+    hit = [
+        name in (part, joint, f"{joint}_servo", f"{joint}_position", f"{part}_touch")
+        for part, joint in zip(a.parts, a.joints, strict=True)
+    ]
     return [ORANGE if h else NEUTRAL for h in hit]
 
 
@@ -215,21 +217,23 @@ def _make_alarm_section(run: HealRun) -> Section:
 
 def _make_hypotheses_section(run: HealRun) -> Section:
     """Which action ruled out what."""
-    asked = run.actions
-    if not asked:
+    actions = run.actions
+    if not actions:
         return Section("What it took the damage for", ("It asked for nothing.",))
     rows = []
-    for k, phase in enumerate(asked, 1):
+    for k, phase in enumerate(actions, 1):
         believed = [
-            _format_belief(b) for b in phase["believed"] if b["probability"] >= _SAID
+            describe_belief(b) for b in phase["believed"] if b["probability"] >= _SAID
         ]
         rows.append((str(k), phase["why"], ", ".join(believed)))
     head = ("", "action", "believed after it")
-    final = [(str(read_damage(b)), _format_percent(b["probability"]))
-             for b in run.phases["verdict"]["believed"]]  # fmt: skip
+    final = [
+        (str(read_damage(b)), _format_percent(b["probability"]))
+        for b in run.phases["verdict"]["believed"]
+    ]
     end = make_table(("in the end", "sure"), final, "lr")
-    asking = make_table(head, rows, "rll")
-    return Section("What it took the damage for", (asking, _draw_beliefs(asked), end))
+    taken = make_table(head, rows, "rll")
+    return Section("What it took the damage for", (taken, _draw_beliefs(actions), end))
 
 
 def _format_percent(share: float) -> str:
@@ -237,16 +241,11 @@ def _format_percent(share: float) -> str:
     return "< 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"
 
 
-def _format_belief(believed: Mapping[str, Any]) -> str:
-    """A hypothesis with its probability."""
-    return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
-
-
-def _draw_beliefs(asked: list[Mapping[str, Any]]) -> Html:
+def _draw_beliefs(actions: list[Mapping[str, Any]]) -> Html:
     """Probability of the hypotheses that were ever likely, after each action."""
     from matplotlib.figure import Figure
 
-    after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in asked]
+    after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in actions]
     keys = dict.fromkeys(key for a in after for key in a)
     top = sorted(keys, key=lambda key: -max(_find_probability(a, key) for a in after))
     fig = Figure(figsize=(WIDTH, 2.8))
@@ -255,8 +254,9 @@ def _draw_beliefs(asked: list[Mapping[str, Any]]) -> Html:
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
         chances: Floats = np.array([_find_probability(a, key) for a in after])
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
-        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4,
-                label=make_printable(said))  # fmt: skip
+        ax.plot(
+            steps, chances, "o-", color=color, lw=1.4, ms=4, label=make_printable(said)
+        )
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
     ax.set_xlabel("actions")

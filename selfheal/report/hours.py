@@ -12,6 +12,7 @@ from ..gait.pattern import SECONDS
 from ..recovery.hours import list_believed, list_first_speeds, list_walks
 from ..recovery.phases import read_damage
 from ..recovery.record import HealRun
+from .facts import format_percent
 from .film import make_film
 from .heal import describe_alarm
 from .motion import Lane
@@ -64,17 +65,12 @@ def describe_hours(result: Mapping[str, Any]) -> str:
     right, false = sum(e["right"] for e in noticed), result["false_alarms"]
     return (
         f"It walked {result['distance']:.1f} m in {result['hours']:.2f} hours, "
-        f"{format_share(result['kept'])} of what it would have walked whole; with its "
-        f"first gait it would have kept {format_share(result['kept_first'])}. Of "
+        f"{format_percent(result['kept'])} of what it would have walked whole; with "
+        f"its first gait it would have kept {format_percent(result['kept_first'])}. Of "
         f"{len(struck)} damage{'s' * (len(struck) != 1)} it noticed {len(noticed)} and "
         f"named {right} rightly; "
         f"{false} false alarm{'s' * (false != 1)}."
     )
-
-
-def format_share(share: float) -> str:
-    """A share in words."""
-    return f"{round(100 * share)} %"
 
 
 def format_events(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -89,7 +85,7 @@ def _format_event(event: Mapping[str, Any], intact: float) -> tuple[str, ...]:
     said = ""
     if believed:
         wrong = "" if event["right"] else ", wrong"
-        sure = format_share(believed["probability"])
+        sure = format_percent(believed["probability"])
         said = f"{read_damage(believed)} ({sure}{wrong})"
     speeds = [event[key] for key in ("before", "damaged", "healed")]
     shares = [event[key] for key in ("healed", "first")]
@@ -100,7 +96,7 @@ def _format_event(event: Mapping[str, Any], intact: float) -> tuple[str, ...]:
         "" if delay is None else f"{delay:.1f} s",
         said,
         *("" if v is None else f"{v:.2f}" for v in speeds),
-        *("" if v is None else format_share(v / intact) for v in shares),
+        *("" if v is None else format_percent(v / intact) for v in shares),
     )
 
 

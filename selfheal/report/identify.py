@@ -57,9 +57,11 @@ def make_identify_page(run: Run) -> str:
 def _write_lead(run: Run) -> str:
     """The run in one sentence, or two if it is not finished."""
     done, asked = len(run.cycles), run.settings.cycles
-    unfinished = "" if run.result else (
-        f"This run is not finished: {done} of {asked} actions so far. "
-    )  # fmt: skip
+    unfinished = (
+        ""
+        if run.result
+        else (f"This run is not finished: {done} of {asked} actions so far. ")
+    )
     if not done:
         return unfinished.strip()
     last = run.cycles[-1]
@@ -192,17 +194,18 @@ def _make_sureness_section(run: Run) -> Section:
 
 
 def _make_dynamics_section(run: Run) -> Section:
-    """What moves over time told, and how much it helps."""
-    told = run.result["dynamics"]
+    """What moves over time showed, and how much it helps."""
+    found = run.result["dynamics"]
     how = (
         "The torso lay still on the floor, no limb touched that, and the joints alone "
-        "are explained." if told["held"]
+        "are explained."
+        if found["held"]
         else "Limbs touched the floor, and all sensors are explained."
-    )  # fmt: skip
+    )
     rows = [
-        ("best.xml", format_number(told["given"])),
-        ("with what the moves told", format_number(told["patched"])),
-        ("noise alone", format_number(told["floor"])),
+        ("best.xml", format_number(found["given"])),
+        ("with what the moves told", format_number(found["patched"])),
+        ("noise alone", format_number(found["floor"])),
     ]
     head = ("predicted by", "error on a held-out move, in standard deviations")
     where = "The page of the diagnosis is dynamics/report.html."
@@ -211,8 +214,10 @@ def _make_dynamics_section(run: Run) -> Section:
 
 def _make_settings_section(run: Run) -> Section:
     """What was asked."""
-    rows = [(name.replace("_", " "), _format_setting(v)) for name, v in
-            asdict(run.settings).items()]  # fmt: skip
+    rows = [
+        (name.replace("_", " "), _format_setting(v))
+        for name, v in asdict(run.settings).items()
+    ]
     rows.append(("actions that the robot offers", f"{len(run.actions)}"))
     if run.cycles:
         rows.append(("time taken", f"{run.cycles[-1].seconds:.1f} s"))

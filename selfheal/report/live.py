@@ -1,4 +1,4 @@
-"""Curves that zoom and tell their values: traces in, markup and scripts out.
+"""Curves that zoom and show their values: traces in, markup and scripts out.
 
 Bokeh draws them, where it is installed, all in the page. Elsewhere, in print and
 without scripts there is the plain figure.
@@ -17,6 +17,7 @@ from .page import Html, join_markup
 from .picture import BLUE, INK, MUTED, ORANGE
 
 if TYPE_CHECKING:
+    from bokeh.models import ColumnDataSource, GridPlot
     from bokeh.plotting import figure
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -64,7 +65,7 @@ def _escape(text: str) -> str:
     return text.replace("<", "\\u003c")
 
 
-def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> Any:
+def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> "GridPlot":
     """One stretch, what the predictions are off by below it, on one axis of time."""
     from bokeh.layouts import gridplot
     from bokeh.models import HoverTool
@@ -78,18 +79,19 @@ def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> Any:
         top.line("time", name, source=source, legend_label=name, **style)
         below.line("time", f"{name}_off", source=source, **style)
     names = ["time", "measured", *_CURVES]
-    told = [(name, f"@{name}{{%.5g}}") for name in names]
+    tips = [(name, f"@{name}{{%.5g}}") for name in names]
     top.add_tools(HoverTool(
-        tooltips=told, formatters={f"@{name}": "printf" for name in names},
+        tooltips=tips, formatters={f"@{name}": "printf" for name in names},
         mode="vline", renderers=[read],
     ))  # fmt: skip
     top.legend.orientation, top.legend.click_policy = "horizontal", "hide"
     top.add_layout(top.legend[0], "above")
-    return gridplot([[top], [below]], sizing_mode="stretch_width",
-                    toolbar_options={"logo": None})  # fmt: skip
+    return gridplot(
+        [[top], [below]], sizing_mode="stretch_width", toolbar_options={"logo": None}
+    )
 
 
-def _make_source(trace: Trace) -> Any:
+def _make_source(trace: Trace) -> "ColumnDataSource":
     """The columns that are drawn: time, readings, predictions, and their errors."""
     from bokeh.models import ColumnDataSource
 

@@ -146,8 +146,9 @@ def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
             ax.set_axis_off()
             _draw_walk(ax, lane, k, heading, (low, high, top))
         canvas.draw()
-        image = Image.frombytes("RGBA", canvas.get_width_height(),
-                                bytes(canvas.buffer_rgba()))  # fmt: skip
+        image = Image.frombytes(
+            "RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba())
+        )
         frames.append(image.convert("RGB").quantize(32))
     return frames
 
@@ -159,8 +160,9 @@ def _draw_walk(
     ax.plot(ends[:2], (0, 0), color=LINE, lw=1, zorder=0)
     for mark in np.arange(0, ends[1], 0.5):
         ax.plot((mark, mark), (-0.02, 0.0), color=MUTED, lw=0.8, zorder=0)
-        ax.text(mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center",
-                va="top")  # fmt: skip
+        ax.text(
+            mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center", va="top"
+        )
     ax.text(ends[0] + 0.02, ends[2] - 0.05, lane.title, color=INK, fontsize=10)
     path = _project_points(lane.position[: k + 1] * [1, 1, 0], heading)
     ax.plot(path[:, 0], path[:, 1], color=lane.color, lw=0.8, alpha=0.5, zorder=1)

@@ -126,7 +126,7 @@ def make_bars(rows: Iterable[tuple[str, str, float]]) -> Html:
     bar = Html(
         '<div><span>{}</span><b>{}</b><i><i style="width:{:.1f}%"></i></i></div>'
     )
-    inner = (bar.format(label, told, 100 * share(x)) for label, told, x in rows)
+    inner = (bar.format(label, text, 100 * share(x)) for label, text, x in rows)
     return Html('<div class="bars">{}</div>').format(join_markup(*inner))
 
 

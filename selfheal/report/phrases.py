@@ -60,9 +60,11 @@ def state_verdict(document: Mapping[str, Any]) -> str:
             "The model lacks physics that is not in the catalogue: structured error "
             "remains, and no effect earns its place."
         )
-    rest = "" if verdict == "explained" else (
-        ", and structured error remains that has no name"
-    )  # fmt: skip
+    rest = (
+        ""
+        if verdict == "explained"
+        else (", and structured error remains that has no name")
+    )
     gain = _state_improvement(document["fit"], len(_list_clauses(found)))
     return f"{_name_findings(found)}; {gain}{rest}."
 

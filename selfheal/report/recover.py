@@ -1,12 +1,14 @@
 """The page of a recovery: fitness over generations, what was believed, the gaits."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..body.body import Floats
 from ..body.damage import describe_damages
 from ..engine.reflex import SAMPLE
+from ..recovery.phased_run import Phase
 from ..recovery.recover_run import (
     METHODS,
     RecoverRun,
@@ -77,7 +79,7 @@ def _format_meters(way: float | None) -> str:
     return "nowhere that could be measured" if way is None else f"{way:.2f} m"
 
 
-def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Any]]:
+def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Phase]]:
     """Title and phase of each run of the robot."""
     titles = {"original": "whole", "failure": "broken, the same controller",
               "hardware": "broken, evolved on it"}  # fmt: skip
@@ -151,9 +153,10 @@ def _make_beliefs_section(run: RecoverRun) -> Section:
 
 def _make_paths_section(run: RecoverRun) -> Section:
     """The ways of the torso from above."""
-    paths = [(title, color, *phase["path"].T[:2])
-             for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
-             ]  # fmt: skip
+    paths = [
+        (title, color, *phase["path"].T[:2])
+        for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
+    ]
     caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
     return Section("Ways", (draw_paths(paths, "forward", caption),))
 
@@ -165,13 +168,15 @@ def _make_footfalls_section(run: RecoverRun) -> Section:
     return Section("Footfalls", (_draw_footfalls(run, shown),))
 
 
-def _draw_footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
+def _draw_footfalls(run: RecoverRun, shown: list[tuple[str, Phase]]) -> Html:
     """One diagram below the other."""
     from matplotlib.figure import Figure
 
     robot = run.settings.legged_robot
-    names = [s.removesuffix("_lower_touch").replace("_", " ")
-             for s in robot.sensors[: robot.feet]]  # fmt: skip
+    names = [
+        s.removesuffix("_lower_touch").replace("_", " ")
+        for s in robot.sensors[: robot.feet]
+    ]
     fig = Figure(figsize=(WIDTH, 0.6 + len(shown) * 0.24 * (len(names) + 2)))
     axes = fig.subplots(len(shown), 1, squeeze=False, sharex=True)[:, 0]
     fig.subplots_adjust(0.12, 0.5 / fig.get_figheight(), 0.98, 0.95, hspace=0.35)
@@ -186,7 +191,7 @@ def _draw_footfalls(run: RecoverRun, shown: list[tuple[str, Any]]) -> Html:
     return embed_figure(fig, caption)
 
 
-def _draw_stripes(ax: "Axes", touch: Any, names: list[str]) -> None:
+def _draw_stripes(ax: "Axes", touch: Floats, names: list[str]) -> None:
     """A row a foot; touch (T, F) in [-1, 1]."""
     for row, series in enumerate(touch.T):
         ax.axhline(row, color=LINE, lw=0.8, zorder=0)

@@ -225,9 +225,11 @@ def _build_lane(
     furnish(spec, view, size)
     half = heading / 2
     spec.worldbody.add_geom(  # where it starts
-        type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.006, 0.3, 0.0005],
-        quat=[np.cos(half), 0, 0, np.sin(half)], rgba=[0.1, 0.12, 0.14, 1],
-    )  # fmt: skip
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[0.006, 0.3, 0.0005],
+        quat=[np.cos(half), 0, 0, np.sin(half)],
+        rgba=[0.1, 0.12, 0.14, 1],
+    )
     light = spec.lights[0]
     light.pos = [*view.middle[:2], 2]  # shadows fall about it
     light.type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
@@ -263,7 +265,8 @@ def _add_floor(spec: "MjSpec") -> None:
     textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     # a plane shows half of a repeat, one square, in a unit of this
-    spec.add_material(name="squares", textures=textures, texuniform=True,
-                      texrepeat=[1 / SQUARE] * 2)  # fmt: skip
+    spec.add_material(
+        name="squares", textures=textures, texuniform=True, texrepeat=[1 / SQUARE] * 2
+    )
     floor = spec.geom("floor")
     floor.material, floor.size = "squares", [20, 20, 0.1]

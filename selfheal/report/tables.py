@@ -37,7 +37,7 @@ _DASH, _BREAK = "\N{EN DASH}", Html("<br>")
 
 
 def format_tree(run: Run) -> Html:
-    """A row a part: what it hangs on, where, how long, how sure, right or wrong."""
+    """A row a part: its parent, where on it, how long, how sure, right or wrong."""
     best = run.cycles[-1].genomes
     head, align = ["#", "part", "hangs on", "at its side", "length [mm]"], "rlllr"
     full = run.settings.space == "full"
@@ -278,14 +278,7 @@ def _format_candidate(
     own: Sequence[Mapping[str, Any]],
     rivals: Collection[str],
 ) -> list[object]:
-    """A candidate's row.
-
-    Args:
-        rank: from 1, or a dash.
-        candidate: of the row.
-        own: the findings that it is.
-        rivals: names that the data cannot tell from a finding's.
-    """
+    """A candidate's row."""
     evidence = own[0].get("evidence") or {} if own else {}
     status = "named" if candidate.named else ""
     if not status and candidate.effect in rivals:

@@ -1,1 +1,1 @@
-"""Robots: an action in, a recording of what the robot felt out."""
+"""Robots: an action in, a recording of its readings out."""

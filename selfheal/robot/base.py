@@ -10,7 +10,7 @@ from ..recording import Recording
 
 
 class Robot(Protocol):
-    """Something that acts and says what it felt.
+    """Something that acts and returns its readings.
 
     Attributes:
         name: as asked for.

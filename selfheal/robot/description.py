@@ -82,7 +82,7 @@ class PartKind:
 
 @checked(frozen=True, config=_STRICT)
 class Torso:
-    """The part that all others hang on.
+    """The part that all others are attached to.
 
     Attributes:
         size: along x (forward), y (left) and z (up) [m].
@@ -122,10 +122,10 @@ class Description:
         sensors: as `engine.channels` names them; a `*` stands for all parts, or those
             whose names fit.
         actions: that it offers.
-        body: of a simulated robot: by part, what it hangs on and at which side of
+        body: of a simulated robot: by part, what it is attached to and at which side of
             that, as "torso left" or, a fifth along that side, "torso left 0.2".
         driver: FILE.py:CLASS of the real one, beside the description.
-        ordered: whether a part hangs on the torso or on one that is listed before it.
+        ordered: whether a part's parent is the torso or a part listed before it.
     """
 
     name: str
@@ -236,7 +236,7 @@ def list_actions(described: Description, anatomy: Anatomy) -> Floats:
 
 
 def _parse_place(part: str, place: str) -> tuple[str, str, float]:
-    """What a part hangs on, at which side, and how far along it [1]."""
+    """What a part is attached to, at which side, and how far along it [1]."""
     match = re.fullmatch(r"(.+?) (\w+)(?: (0?\.\d+))?", place)
     if match is None:
         raise InputError(

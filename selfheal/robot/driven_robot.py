@@ -1,4 +1,4 @@
-"""What a legged robot is to whoever recovers it: controllers in, what it felt out."""
+"""What a legged robot is to whoever recovers it: controllers in, readings out."""
 
 from typing import Protocol
 

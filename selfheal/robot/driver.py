@@ -70,8 +70,9 @@ class DrivenByClass:
                     f"{self.name}: read() gave no numbers for {quote_name(signal)}"
                 ) from error
         episode = make_rest_episode(self.anatomy, np.arange(3.0), target, found)
-        return Recording({f"action_{action:03d}": episode}, self.name, "driver",
-                         file=self.name)  # fmt: skip
+        return Recording(
+            {f"action_{action:03d}": episode}, self.name, "driver", file=self.name
+        )
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,8 @@ class FollowsByClass(DrivenByClass):
             InputError: the class does not give what was read, and when.
         """
         joints = self.anatomy.joints
-        told = dict(zip(joints, commands.T.tolist(), strict=True))
-        said = self.driver.follow(told, PERIOD)  # type: ignore[attr-defined]
+        targets = dict(zip(joints, commands.T.tolist(), strict=True))
+        said = self.driver.follow(targets, PERIOD)  # type: ignore[attr-defined]
         kinds = _list_signals_over_time(self.anatomy)
         if "time" not in said or not kinds.keys() & said.keys():
             gave = join_names(sorted(map(str, said)))

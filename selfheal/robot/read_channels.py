@@ -40,13 +40,7 @@ def read_channels(
 
 
 def _check_shape(episode: Episode, sensor: str, where: str) -> None:
-    """Refuse a signal with another number of columns than its sensor has.
-
-    Args:
-        episode: that may have it.
-        sensor: name of the signal.
-        where: the episode is, for the message.
-    """
+    """Refuse a signal with another number of columns than its sensor has."""
     signal = episode.signals.get(sensor)
     wanted = (3,) if sensor in ("vertical", "torso_position") else ()
     if signal is not None and signal.values.shape[1:] != wanted:

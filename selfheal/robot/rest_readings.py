@@ -110,11 +110,14 @@ def make_rest_episode(
         is_torque = kind == "torque"
         joint = name.removesuffix("_torque")
         signals[name] = _make_rest_signal(
-            values, f"{joint}_servo" if is_torque else name,
-            "joint_torque" if is_torque else "sensor", _SIGNALS[kind][1],
-        )  # fmt: skip
-    for joint, angle in zip(anatomy.joints, () if angles is None else angles,
-                            strict=angles is not None):  # fmt: skip
+            values,
+            f"{joint}_servo" if is_torque else name,
+            "joint_torque" if is_torque else "sensor",
+            _SIGNALS[kind][1],
+        )
+    for joint, angle in zip(
+        anatomy.joints, () if angles is None else angles, strict=angles is not None
+    ):
         name = f"{joint}_position"
         signals[name] = _make_rest_signal(
             np.asarray(angle), joint, "joint_position", "rad"

@@ -1,4 +1,4 @@
-"""Hidden simulated robots: a body and physics that the self-model is not told."""
+"""Hidden simulated robots: a body and physics that are hidden from the self-model."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,13 +1,28 @@
 """Study `actions`: with few actions, does it pay to choose them, and by which score?"""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import median
-from typing import Any
 
 from ..errors import InputError
-from .calibration import make_reliability_picture, make_reliability_table
-from .methods import METHODS, OURS, group_by_method, make_test_table, run_method
-from .plan import Outcome, Picture, Record, Study, StudyRequest, Table, Task
+from .calibration import make_reliability_picture
+from .methods import (
+    METHODS,
+    OURS,
+    group_by_method,
+    make_error_picture,
+    make_test_table,
+    run_method,
+)
+from .plan import (
+    Outcome,
+    Picture,
+    Record,
+    RunSettings,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+)
 from .statistics import format_mean_std, format_share
 from .trees import (
     REAL,
@@ -16,6 +31,7 @@ from .trees import (
     TreeSettings,
     extract_column,
     list_statements,
+    make_attachment_table,
     make_correlation_table,
 )
 
@@ -24,19 +40,19 @@ CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify-few-actions.md
 _METHODS = tuple(method for method in METHODS if method != "random-batch")
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
-    if asked.recordings is None:
+def _list_tasks(request: StudyRequest) -> list[Task]:
+    if request.recordings is None:
         raise InputError(
             "study 'actions' asks the robot of 2006; give --recordings FOLDER"
         )
     return [
         Task(f"{method} {seed}", {"robot": REAL, "method": method, "seed": seed,
-                                  "recordings": str(asked.recordings)})
-        for seed in asked.seeds for method in _METHODS
+                                  "recordings": str(request.recordings)})
+        for seed in request.seeds for method in _METHODS
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     return run_method(settings, cycles=CYCLES, budget=BUDGET)
 
 
@@ -65,10 +81,6 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     )
     head = ("method", "runs", "evaluations", "successes (95 %)",
             "error [cm]", "edge F1", "seconds")  # fmt: skip
-    told = (
-        "Our runs, with chosen and with random actions: the stated probability of each "
-        "attachment but part 1's, which cannot be wrong."
-    )
     ours = [record for m in OURS for record in found.get(m, ())]
     return [
         Table(f"Chosen against random actions, {CYCLES} of them", text, head, rows),
@@ -76,18 +88,15 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
         make_correlation_table(
             "Disagreement and error", [(METHODS[m], rs) for m, rs in found.items()]
         ),
-        make_reliability_table(
-            "How sure, stated against true", told, list_statements(ours)
-        ),
+        make_attachment_table("How sure, stated against true", list_statements(ours)),
     ]
 
 
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     found = group_by_method(records)
-    errors = {METHODS[m]: extract_column(rs, "error") for m, rs in found.items()}
-    boxes = [Picture("Error", "box", errors, "error [cm]")] if errors else []
-    told = {METHODS[m]: list_statements(found.get(m, ())) for m in OURS}
-    return [*boxes, make_reliability_picture("How sure, stated against true", told)]
+    boxes = [make_error_picture("Error", found)] if found else []
+    stated = {METHODS[m]: list_statements(found.get(m, ())) for m in OURS}
+    return [*boxes, make_reliability_picture("How sure, stated against true", stated)]
 
 
 STUDY = Study(

@@ -3,10 +3,9 @@
 Everybody begins with the body that the authors chose for it (papers.md 1.3).
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from ..robot.base import Robot
 from ..robot.simulated import SimulatedRobot
 from ..schema import Count, Number
 from ..selfmodel.scaled import estimate_scales
-from .plan import Outcome
+from .plan import Outcome, RunSettings
 from .trees import HIDDEN, Series, open_study_robot
 
 CYCLES = 16
@@ -60,7 +59,7 @@ def _load_known_body(anatomy: Anatomy) -> Genomes:
     return decode_unit_genes(anatomy, np.array([_KNOWN_GENES]))
 
 
-def _open_robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
+def _open_robots(settings: RunSettings) -> tuple[Robot, Robot, Bodies]:
     """Before, after, and the true body after."""
     whole = open_study_robot(settings)
     assert whole.truth is not None
@@ -73,7 +72,7 @@ def _open_robots(settings: Mapping[str, Any]) -> tuple[Robot, Robot, Bodies]:
     return whole, open_study_robot(settings, "damaged.h5"), truth
 
 
-def run_after_damage(settings: Mapping[str, Any]) -> Outcome:
+def run_after_damage(settings: RunSettings) -> Outcome:
     """What is believed of the parts' lengths after each of 16 actions.
 
     `error` [cm]: mean over parts of |length - true length|, a number an action;
@@ -95,9 +94,7 @@ def run_after_damage(settings: Mapping[str, Any]) -> Outcome:
     }
 
 
-def _estimate_released(
-    whole: Robot, broken: Robot, settings: Mapping[str, Any]
-) -> dict:
+def _estimate_released(whole: Robot, broken: Robot, settings: RunSettings) -> dict:
     """The 2006 search, by whatever rule."""
     steps = list(
         estimate_scales(
@@ -117,7 +114,7 @@ def _estimate_released(
     }
 
 
-def _estimate_ours(whole: Robot, broken: Robot, settings: Mapping[str, Any]) -> dict:
+def _estimate_ours(whole: Robot, broken: Robot, settings: RunSettings) -> dict:
     """Belief over one part's scale, from how readings changed."""
     anatomy = whole.anatomy
     known = predict_actions(

@@ -15,7 +15,7 @@ import numpy as np
 from ..api import diagnose
 from ..errors import InputError
 from ..schema import Count, Number
-from .plan import Outcome, Record, Study, StudyRequest, Table, Task
+from .plan import Outcome, Record, RunSettings, Study, StudyRequest, Table, Task
 from .statistics import format_mean_std, format_share, run_homogeneity_test
 
 _COLUMNS = ("given", "refit", "patched", "explainable_removed")
@@ -87,33 +87,33 @@ def _list_robots(folder: Path) -> Iterator[tuple[str, Path, Path, Path]]:
             yield case.name, case / GIVEN[0], case / GIVEN[1], case / FOUND
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
-    if asked.cases is None:
+def _list_tasks(request: StudyRequest) -> list[Task]:
+    if request.cases is None:
         raise InputError(
             "study 'diagnose' needs a FOLDER: of folders with "
             f"{' and '.join(GIVEN)}, or of one {GIVEN[0]} with recordings NAME.h5"
         )
-    robots = list(_list_robots(asked.cases))
+    robots = list(_list_robots(request.cases))
     if not robots:
-        raise InputError(f"{asked.cases} has {GIVEN[0]} and no recording NAME.h5")
+        raise InputError(f"{request.cases} has {GIVEN[0]} and no recording NAME.h5")
     names = ("robot", "model", "recording", "out")
     return [
         Task(f"{robot[0]} {seed}",
              {**dict(zip(names, map(str, robot), strict=True)), "seed": seed})
-        for seed in asked.seeds for robot in robots
+        for seed in request.seeds for robot in robots
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     model, recording = settings["model"], settings["recording"]
     found = diagnose(model, recording, seed=settings["seed"])
     Path(settings["out"]).parent.mkdir(exist_ok=True)
     found.save(settings["out"], force=True)
-    told = found.document
+    document = found.document
     return {
-        "verdict": told["verdict"],
-        "findings": [_shorten_finding(finding) for finding in told["findings"]],
-        "fit": {k: told["fit"][k] for k in _COLUMNS},
+        "verdict": document["verdict"],
+        "findings": [_shorten_finding(finding) for finding in document["findings"]],
+        "fit": {k: document["fit"][k] for k in _COLUMNS},
     }
 
 

@@ -1,8 +1,7 @@
 """Study `eea`: the table of 2004, two robots by ten scenarios, as recoveries."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from .plan import (
     Outcome,
     Picture,
     Record,
+    RunSettings,
     Study,
     StudyRequest,
     Table,
@@ -41,44 +41,39 @@ class _Outcome:
     distance: Distances
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
+def _list_tasks(request: StudyRequest) -> list[Task]:
     return [
         Task(f"{robot} {number} {seed}",
              {"robot": robot, "scenario": number, "seed": seed})
-        for seed in asked.seeds for robot in LEGGED for number in TABLE
+        for seed in request.seeds for robot in LEGGED for number in TABLE
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     robot, number, seed = (settings[k] for k in ("robot", "scenario", "seed"))
     body = load_legged_robot(robot)
-    asked = RecoverSettings(robot, number, draw_scenario(number, body, seed), seed=seed)
-    *_, run = recover_robot(SimulatedLegs(body, seed), asked)
+    run_settings = RecoverSettings(
+        robot, number, draw_scenario(number, body, seed), seed=seed
+    )
+    *_, run = recover_robot(SimulatedLegs(body, seed), run_settings)
     kept = ("damage", "hypotheses", "actions", "distance")
     return {"named": is_damage_named(run), **{key: run.result[key] for key in kept}}
 
 
 def _compute_recovered_share(record: Record) -> float:
     """How much of the way when whole was recovered; 0 where the robot went nowhere."""
-    ways = record["outcome"]["distance"]
-    return (ways["healed"] or 0.0) / ways["intact"] if ways["intact"] else 0.0
+    distance = record["outcome"]["distance"]
+    whole = distance["intact"]
+    return (distance["healed"] or 0.0) / whole if whole else 0.0
 
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
     rows = []
     for robot in LEGGED:
         for number in TABLE:
-            rs = [
-                r
-                for r in records
-                if (
-                    r["settings"]["robot"] == robot
-                    and r["settings"]["scenario"] == number
-                )
-            ]
-            if rs:
+            if rs := select_records(records, robot=robot, scenario=number):
                 rows.append((robot, f"{number}: {SCENARIOS[number]}", *_format_row(rs)))
-    ways = [_compute_recovered_share(r) for r in records]
+    shares = [_compute_recovered_share(r) for r in records]
     text = (
         "Ways after 1,000 steps by our method: whole, broken with the same controller, "
         "and after three trials. Recovered: at least "
@@ -86,10 +81,10 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
         "when whole. Named: the believed damage is of the true kinds and places; not "
         "said of hidden neurons, which no hypothesis has."
     )
-    if ways:
+    if shares:
         text += (
-            f" All: recovered / whole, median {np.median(ways):.2f}, 10th percentile "
-            f"{np.percentile(ways, 10):.2f}."
+            f" All: recovered / whole, median {np.median(shares):.2f}, 10th percentile "
+            f"{np.percentile(shares, 10):.2f}."
         )
     head = ("robot", "scenario", "runs", "whole [m]", "broken [m]", "recovered [m]",
             "recovered (95 %)", "named (95 %)", "trials")  # fmt: skip
@@ -98,16 +93,18 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
 
 def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
     """The cells of one robot and scenario."""
-    ways = [[r["outcome"]["distance"][k] or 0.0 for r in rs]
-            for k in ("intact", "damaged", "healed")]  # fmt: skip
-    told = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
+    distances = [
+        [r["outcome"]["distance"][k] or 0.0 for r in rs]
+        for k in ("intact", "damaged", "healed")
+    ]
+    named = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
     return (
         f"{len(rs):,}",
-        *(format_mean_std(way) for way in ways),
+        *(format_mean_std(each) for each in distances),
         format_share(
             sum(_compute_recovered_share(r) >= RECOVERED_SHARE for r in rs), len(rs)
         ),
-        format_share(sum(told), len(told)) if told else "",
+        format_share(sum(named), len(named)) if named else "",
         format_mean_std([r["outcome"]["actions"] for r in rs], 1),
     )
 

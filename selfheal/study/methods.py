@@ -2,10 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
-from typing import Any
 
 from ..selfmodel.run import Settings
-from .plan import Outcome, Record, Table, select_records
+from .plan import Outcome, Picture, Record, RunSettings, Table, select_records
 from .statistics import run_fisher_test, run_permutation_test
 from .trees import evaluate_identification, extract_column, open_study_robot
 
@@ -20,7 +19,7 @@ METHODS = {
 OURS = ("ours", "ours, random")
 
 
-def run_method(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outcome:
+def run_method(settings: RunSettings, *, cycles: int, budget: int) -> Outcome:
     """A self-modeling by "method" of the settings; attachments are looked for anywhere.
 
     Args:
@@ -30,7 +29,7 @@ def run_method(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outc
             generations an action.
     """
     method = settings["method"]
-    asked = Settings(
+    run_settings = Settings(
         settings["robot"],
         method="default" if method in OURS else method,
         random_actions=method == "ours, random",
@@ -39,7 +38,7 @@ def run_method(settings: Mapping[str, Any], *, cycles: int, budget: int) -> Outc
         budget=budget,
         seed=settings["seed"],
     )
-    return evaluate_identification(open_study_robot(settings), asked)
+    return evaluate_identification(open_study_robot(settings), run_settings)
 
 
 def group_by_method(
@@ -48,6 +47,12 @@ def group_by_method(
     """Method -> its runs with these settings, of methods that have any."""
     found = {m: select_records(records, method=m, **wanted) for m in METHODS}
     return {method: rs for method, rs in found.items() if rs}
+
+
+def make_error_picture(title: str, found: Mapping[str, Sequence[Record]]) -> Picture:
+    """A box of errors for each method."""
+    series = {METHODS[m]: extract_column(rs, "error") for m, rs in found.items()}
+    return Picture(title, "box", series, "error [cm]")
 
 
 def make_test_table(title: str, found: Mapping[str, Sequence[Record]]) -> Table:

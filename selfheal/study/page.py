@@ -33,17 +33,17 @@ def describe_progress(results: Results) -> str:
     """How much of a study was done, in a sentence."""
     spent = sum(record["seconds"] for record in results.records.values())
     most = max((r["megabytes"] for r in results.records.values()), default=0)
-    told = f"{len(results.records):,} of {len(results.tasks):,} runs done"
+    progress = f"{len(results.records):,} of {len(results.tasks):,} runs done"
     if results.failed:
-        told += f", {len(results.failed):,} of them failed"
-    return f"{told}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
+        progress += f", {len(results.failed):,} of them failed"
+    return f"{progress}; {spent:,.0f} s of workers' time, a worker's peak {most:,} MB."
 
 
 def _describe_versions(results: Results) -> str:
     """What another person needs to make the same."""
-    asked = ", ".join(f"{k} {v}" for k, v in results.request.items() if v is not None)
+    request = ", ".join(f"{k} {v}" for k, v in results.request.items() if v is not None)
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
-    return f"Study {results.study}: {asked}; program {results.code}; {libraries}."
+    return f"Study {results.study}: {request}; program {results.code}; {libraries}."
 
 
 def make_study_page(results: Results, tables: Sequence[Table]) -> str:
@@ -56,8 +56,8 @@ def make_study_page(results: Results, tables: Sequence[Table]) -> str:
     if failed:
         body = make_table(("run", "error"), failed, "ll")
         sections.append(Section("Runs that failed", (body,)))
-    told = make_paragraph(describe_progress(results), " ", _describe_versions(results))
-    sections.append(Section("How it was made", (told,)))
+    made = make_paragraph(describe_progress(results), " ", _describe_versions(results))
+    sections.append(Section("How it was made", (made,)))
     return make_page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
                 lead=study.about)  # fmt: skip
 

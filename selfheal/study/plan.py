@@ -14,6 +14,7 @@ STUDIES = {
     for name in ("table3", "actions", "schema", "eea", "diagnose")
 }
 
+RunSettings = Mapping[str, Any]  # as JSON can hold them, by name
 Outcome = Mapping[str, Any]
 Record = Mapping[str, Any]
 
@@ -28,7 +29,7 @@ class Task:
     """
 
     key: str
-    settings: Mapping[str, Any]
+    settings: RunSettings
 
 
 @dataclass(frozen=True)
@@ -106,18 +107,17 @@ class Study:
 
     about: str
     list_tasks: Callable[[StudyRequest], Sequence[Task]]
-    run_task: Callable[[Mapping[str, Any]], Outcome]
+    run_task: Callable[[RunSettings], Outcome]
     make_tables: Callable[[Sequence[Record]], Sequence[Table]]
     make_pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
     inputs: tuple[str, ...] = ()
     settings: Any = dict[str, Any]
-    find_outcome: Callable[[Mapping[str, Any]], Any] = lambda settings: dict[str, Any]
+    find_outcome: Callable[[RunSettings], Any] = lambda settings: dict[str, Any]
 
 
-def select_records(records: Sequence[Record], **wanted: str) -> list[Record]:
+def select_records(records: Sequence[Record], **wanted: object) -> list[Record]:
     """Records of runs that had certain settings."""
-    return [r for r in records
-            if all(r["settings"][k] == v for k, v in wanted.items())]  # fmt: skip
+    return [r for r in records if all(r["settings"][k] == v for k, v in wanted.items())]
 
 
 def find_study(name: str) -> Study:

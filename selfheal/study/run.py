@@ -32,27 +32,29 @@ class Progress:
     workers: int
 
 
-def begin_study(path: Path, name: str, asked: StudyRequest) -> None:
+def begin_study(path: Path, name: str, request: StudyRequest) -> None:
     """Make a study's file, with all its runs left.
 
     Args:
         path: of the file.
         name: of the study.
-        asked: what the user asked it for.
+        request: what the study is of.
 
     Raises:
-        InputError: the study is unknown, or what was asked for makes no sense.
+        InputError: the study is unknown, or the request makes no sense.
     """
-    if asked.runs < 1:
-        raise InputError(f"the runs must be positive; not {asked.runs}")
-    check_seed(asked.seed)
-    tasks = find_study(name).list_tasks(asked)
-    told = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(asked).items()}
-    create_study(path, name, told, tasks)
+    if request.runs < 1:
+        raise InputError(f"the runs must be positive; not {request.runs}")
+    check_seed(request.seed)
+    tasks = find_study(name).list_tasks(request)
+    stated = {
+        k: str(v) if isinstance(v, Path) else v for k, v in asdict(request).items()
+    }
+    create_study(path, name, stated, tasks)
 
 
 def continue_study(
-    path: Path, place: Workplace, *, only_failed: bool = False
+    path: Path, place: Workplace, *, only_failed: bool
 ) -> Iterator[Progress]:
     """Do what is left of a study, a yield whenever there is news.
 

@@ -1,6 +1,6 @@
 """Study `schema`: paper C's lengths from seven sensor sets, and its 8 x 4 matrix."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -28,6 +28,7 @@ from .plan import (
     Outcome,
     Picture,
     Record,
+    RunSettings,
     Study,
     StudyRequest,
     Table,
@@ -44,7 +45,7 @@ _POSES = {"lengths": 4, "matrix": 9}
 _STAGES = (6, 5, 5)  # poses that our way asks for before each estimation; chosen
 _FILE = "poses_schema.csv"
 _NEW = 100  # poses that models are asked for and were not fitted to; chosen
-_TOLD = 2.0  # [deg], by which such a pose is told apart; chosen
+_LEAST_TILT_GAP = 2.0  # [deg], by which such a pose differs; chosen
 
 
 @dataclass(frozen=True)
@@ -71,18 +72,19 @@ class _MatrixOutcome(_LengthsOutcome):
     tilt_gap: Number
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
-    places = [HIDDEN] if asked.recordings is None else [REAL, HIDDEN]
-    if REAL in places and not (Path(str(asked.recordings)) / _FILE).is_file():
-        raise InputError(f"--recordings {asked.recordings}: no {_FILE} there")
-    work = [(what, "+".join(names)) for what in ("lengths", "ours")
-            for names in SENSOR_SETS]  # fmt: skip
+def _list_tasks(request: StudyRequest) -> list[Task]:
+    places = [HIDDEN] if request.recordings is None else [REAL, HIDDEN]
+    if REAL in places and not (Path(str(request.recordings)) / _FILE).is_file():
+        raise InputError(f"--recordings {request.recordings}: no {_FILE} there")
+    work = [
+        (what, "+".join(names)) for what in ("lengths", "ours") for names in SENSOR_SETS
+    ]
     work.append(("matrix", "+".join(SENSOR_SETS[-1])))
     return [
         Task(f"{robot} {what} {sensors} {seed}",
              {"robot": robot, "what": what, "sensors": sensors, "seed": seed,
-              "recordings": str(asked.recordings) if robot == REAL else ""})
-        for seed in asked.seeds for what, sensors in work for robot in places
+              "recordings": str(request.recordings) if robot == REAL else ""})
+        for seed in request.seeds for what, sensors in work for robot in places
     ]  # fmt: skip
 
 
@@ -119,7 +121,7 @@ def _offer_real(folder: str, seed: int) -> tuple[Floats, Ask]:
     return targets, lambda k: seen[k]
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     seed, what, real = settings["seed"], settings["what"], settings["robot"] == REAL
     if real:
         offers, ask = _offer_real(settings["recordings"], seed)
@@ -142,8 +144,8 @@ def _run_task(settings: Mapping[str, Any]) -> Outcome:
     plan = (make_lengths_plan(known, sensors) if what == "lengths"
             else make_matrix_plan(truth, sensors))  # fmt: skip
     *_, (best, error, spent) = estimate_models(truth, poses, seen, plan, rng)
-    told = _measure_lengths(best, truth) | {"fit": error, "evaluations": spent}
-    return told | _measure_tree(best, truth, seed) if what == "matrix" else told
+    found = _measure_lengths(best, truth) | {"fit": error, "evaluations": spent}
+    return found | _measure_tree(best, truth, seed) if what == "matrix" else found
 
 
 def _measure_lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
@@ -169,7 +171,7 @@ def _measure_tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
         "edge_f1": float(compute_edge_f1(body, truth)[0]),
         "success": bool((body.parent == truth.parent).all()),
         "hips": bool((body.parent[0, :_HIPS] == 0).all()),
-        "foretold": float((gap <= _TOLD).mean()),
+        "foretold": float((gap <= _LEAST_TILT_GAP).mean()),
         "tilt_gap": float(np.median(gap)),
     }
 
@@ -203,9 +205,9 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
                 for name, rs in found.items()
             ]
             if rows:
-                told = f"{text} {_LENGTHS}"
+                note = f"{text} {_LENGTHS}"
                 tables.append(
-                    Table(f"{title}, {ROBOT_LABELS[robot]}", told, _HEAD, rows)
+                    Table(f"{title}, {ROBOT_LABELS[robot]}", note, _HEAD, rows)
                 )
         if matrix := select_records(records, robot=robot, what="matrix"):
             tables.append(_make_matrix_table(robot, matrix))
@@ -240,7 +242,7 @@ def _make_matrix_table(robot: str, rs: Sequence[Record]) -> Table:
         "300 models, 40 generations after each of 9 poses, all sensors; parent, side, "
         "hinge and length of eight parts unknown. Straight knees never move: what "
         "hinge a lower part has cannot be known. Foretold: tilts of 100 new poses "
-        f"within {_TOLD:g} degrees of the true body's, both by statics."
+        f"within {_LEAST_TILT_GAP:g} degrees of the true body's, both by statics."
     )
     row = (
         f"{count:,}",

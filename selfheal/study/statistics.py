@@ -99,14 +99,14 @@ def format_pooled_correlation(
     pairs = np.concatenate([np.empty((2, 0)), *runs], axis=1)
     if not _is_varied(*pairs):
         return f"not defined (n = {pairs.shape[1]})"
-    told, count = f"{spearmanr(*pairs).statistic:.3f}", f"(n = {pairs.shape[1]:,})"
+    written, count = f"{spearmanr(*pairs).statistic:.3f}", f"(n = {pairs.shape[1]:,})"
     if len(runs) == 1:
-        return f"{told} {count}"
+        return f"{written} {count}"
     draws = np.random.default_rng(0).integers(len(runs), size=(_DRAWS, len(runs)))
     drawn = [np.concatenate([runs[k] for k in draw], axis=1) for draw in draws]
     found = [spearmanr(*some).statistic for some in drawn if _is_varied(*some)]
     low, high = np.percentile(found, [2.5, 97.5])
-    return f"{told} ({low:.2f} to {high:.2f}) {count}"
+    return f"{written} ({low:.2f} to {high:.2f}) {count}"
 
 
 def _keep_finite(first: Sequence[float], second: Sequence[float]) -> Floats:

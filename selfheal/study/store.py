@@ -51,7 +51,7 @@ class Results:
 
     Attributes:
         study: its name.
-        request: what was asked for, as JSON can hold it.
+        request: its settings, as JSON can hold them.
         code: digest of the program that it was begun with.
         tasks: all its runs.
         records: of the runs done so far, key -> "settings", "outcome" (None where it
@@ -101,20 +101,20 @@ def find_journal(path: Path) -> Path:
 
 
 def create_study(
-    path: Path, study: str, asked: dict[str, Any], tasks: Sequence[Task]
+    path: Path, study: str, request: dict[str, Any], tasks: Sequence[Task]
 ) -> None:
     """Begin a study's file.
 
     Args:
         path: of the file.
         study: its name.
-        asked: what was asked for, as JSON can hold it.
+        request: the settings of the study, as JSON can hold it.
         tasks: all its runs.
 
     Raises:
         InputError: nothing can be written there.
     """
-    _save_results(path, Results(study, asked, digest_code(), tuple(tasks), {}))
+    _save_results(path, Results(study, request, digest_code(), tuple(tasks), {}))
 
 
 def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Results:
@@ -165,13 +165,7 @@ def _read_tasks(file: Members) -> tuple[Task, ...]:
 def _parse_records(
     members: Members, what: str, texts: Sequence[str | bytes]
 ) -> dict[str, Record]:
-    """The records of JSON texts by their keys; of two with one key the last.
-
-    Args:
-        members: of the file, for the message.
-        what: a text is in the file, for the message.
-        texts: of the records.
-    """
+    """The records of JSON texts by their keys; of two with one key the last."""
     records = {}
     for k, text in enumerate(texts):
         members.parse(f"{what} {k + 1}", text, KeptRecord)
@@ -183,13 +177,7 @@ def _parse_records(
 def _check_outcomes(
     members: Members, study: Study, records: Mapping[str, Record]
 ) -> None:
-    """Refuse what a study's tables could not read.
-
-    Args:
-        members: of the file, for the message.
-        study: whose runs they are.
-        records: by key.
-    """
+    """Refuse what a study's tables could not read."""
     for key, record in records.items():
         settings, outcome = record["settings"], record["outcome"]
         if outcome is not None:

@@ -1,10 +1,10 @@
 """Study `table3`: Table 3 of 2006 with our method beside its three, and two robots."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import median
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -13,13 +13,20 @@ from .calibration import (
     Pairs,
     compute_brier_score,
     make_reliability_picture,
-    make_reliability_table,
 )
-from .methods import METHODS, OURS, group_by_method, make_test_table, run_method
+from .methods import (
+    METHODS,
+    OURS,
+    group_by_method,
+    make_error_picture,
+    make_test_table,
+    run_method,
+)
 from .plan import (
     Outcome,
     Picture,
     Record,
+    RunSettings,
     Study,
     StudyRequest,
     Table,
@@ -35,6 +42,7 @@ from .trees import (
     TreeSettings,
     extract_column,
     list_statements,
+    make_attachment_table,
     make_correlation_table,
 )
 
@@ -54,19 +62,19 @@ class _Settings(TreeSettings):
     phase: Literal["before", "after"]
 
 
-def _list_tasks(asked: StudyRequest) -> list[Task]:
-    real = [] if asked.recordings is None else [REAL]
-    folder = str(asked.recordings or "")
+def _list_tasks(request: StudyRequest) -> list[Task]:
+    real = [] if request.recordings is None else [REAL]
+    folder = str(request.recordings or "")
     return [
         Task(f"{robot} {phase} {method} {seed}",
              {"robot": robot, "phase": phase, "method": method, "seed": seed,
               "recordings": folder if robot == REAL else ""})
-        for robot in (*real, HIDDEN) for seed in asked.seeds
+        for robot in (*real, HIDDEN) for seed in request.seeds
         for phase in _PHASES for method in METHODS
     ]  # fmt: skip
 
 
-def _run_task(settings: Mapping[str, Any]) -> Outcome:
+def _run_task(settings: RunSettings) -> Outcome:
     if settings["phase"] == "after":
         return run_after_damage(settings)
     return run_method(settings, cycles=CYCLES, budget=_BUDGET)
@@ -74,16 +82,23 @@ def _run_task(settings: Mapping[str, Any]) -> Outcome:
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
     tables = []
-    for robot in (REAL, HIDDEN):
-        for phase in _PHASES:
-            if found := group_by_method(records, robot=robot, phase=phase):
-                title = f"Tests, {phase} damage, {ROBOT_LABELS[robot]}"
-                tables += [
-                    _make_results_table(robot, phase, found),
-                    make_test_table(title, found),
-                ]
+    for robot, phase, found in _group_runs(records):
+        title = f"Tests, {phase} damage, {ROBOT_LABELS[robot]}"
+        tables += [
+            _make_results_table(robot, phase, found),
+            make_test_table(title, found),
+        ]
     sure = [*_make_tree_calibration(records), *_make_length_calibration(records)]
     return [*tables, *_make_correlation_tables(records), *sure]
+
+
+def _group_runs(
+    records: Sequence[Record],
+) -> Iterator[tuple[str, str, dict[str, list[Record]]]]:
+    """Robot, phase and runs by method, where there are any."""
+    for robot, phase in product((REAL, HIDDEN), _PHASES):
+        if found := group_by_method(records, robot=robot, phase=phase):
+            yield robot, phase, found
 
 
 def _make_results_table(robot: str, phase: str, found: Mapping[str, list]) -> Table:
@@ -146,14 +161,8 @@ def _list_tree_statements(records: Sequence[Record], robot: str) -> Pairs:
 
 def _make_tree_calibration(records: Sequence[Record]) -> list[Table]:
     """Calibration of attachments."""
-    text = (
-        "Our runs, with chosen and with random actions: the stated probability "
-        "of each attachment but part 1's, which cannot be wrong."
-    )
     return [
-        make_reliability_table(
-            f"How sure of attachments, {ROBOT_LABELS[robot]}", text, pairs
-        )
+        make_attachment_table(f"How sure of attachments, {ROBOT_LABELS[robot]}", pairs)
         for robot in (REAL, HIDDEN)
         if (pairs := _list_tree_statements(records, robot))
     ]
@@ -187,21 +196,17 @@ def _make_length_calibration(records: Sequence[Record]) -> list[Table]:
 
 
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
-    pictures = []
-    for robot in (REAL, HIDDEN):
-        for phase in _PHASES:
-            if found := group_by_method(records, robot=robot, phase=phase):
-                series = {METHODS[m]: extract_column(rs, "error")
-                          for m, rs in found.items()}  # fmt: skip
-                title = f"Error {phase} damage, {ROBOT_LABELS[robot]}"
-                pictures.append(Picture(title, "box", series, "error [cm]"))
-    told = {
+    pictures = [
+        make_error_picture(f"Error {phase} damage, {ROBOT_LABELS[robot]}", found)
+        for robot, phase, found in _group_runs(records)
+    ]
+    stated = {
         ROBOT_LABELS[robot]: _list_tree_statements(records, robot)
         for robot in (REAL, HIDDEN)
     }
-    if any(told.values()):
+    if any(stated.values()):
         pictures.append(
-            make_reliability_picture("Stated against true, attachments", told)
+            make_reliability_picture("Stated against true, attachments", stated)
         )
     return pictures
 

@@ -18,8 +18,8 @@ from ..robot.open_robot import open_robot
 from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
-from .calibration import Pairs
-from .plan import Outcome, Record, Table
+from .calibration import Pairs, make_reliability_table
+from .plan import Outcome, Record, RunSettings, Table
 from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
@@ -57,7 +57,7 @@ class TreeOutcome:
             raise ValueError("with lists stated and right of unlike lengths")
 
 
-def open_study_robot(settings: Mapping[str, Any], file: str = "intact.h5") -> Robot:
+def open_study_robot(settings: RunSettings, file: str = "intact.h5") -> Robot:
     """The robot of a run: the readings of 2006, or a hidden one of the run's seed."""
     name, seed = settings["robot"], settings["seed"]
     recordings = Path(settings["recordings"]) / file if name == REAL else None
@@ -106,15 +106,25 @@ def _count_searched(counts: Mapping[str, int]) -> int:
 def list_statements(records: Sequence[Record]) -> Pairs:
     """What runs said of each attachment: stated probability, whether it is right.
 
-    Part 1 has nothing but the torso to hang on, and is left out; NaN states nothing.
+    Part 1 has nothing but the torso as its parent, and is left out; NaN states nothing.
     """
     return [
         pair
         for record in records
-        for pair in zip(record["outcome"]["stated"][1:], record["outcome"]["right"][1:],
-                        strict=True)
+        for pair in zip(
+            record["outcome"]["stated"][1:], record["outcome"]["right"][1:], strict=True
+        )
         if isfinite(pair[0])
-    ]  # fmt: skip
+    ]
+
+
+def make_attachment_table(title: str, statements: Pairs) -> Table:
+    """Calibration of attachments that our runs stated."""
+    text = (
+        "Our runs, with chosen and with random actions: the stated probability of each "
+        "attachment but part 1's, which cannot be wrong."
+    )
+    return make_reliability_table(title, text, statements)
 
 
 def extract_column(records: Sequence[Record], name: str) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import Any
 from distributed import Worker, WorkerPlugin, get_worker
 
 from ..machine import measure_peak_memory, pin_to_core
-from .plan import Outcome, Record
+from .plan import Outcome, Record, RunSettings
 
 _LINES = 6  # last ones of a traceback that are kept; chosen
 
@@ -20,7 +20,7 @@ class PinnedWorker(WorkerPlugin):
     """Keeps what a worker computes to one thread.
 
     Libraries read the variable when they first start threads, after this; those that
-    read theirs when they are loaded are told by Dask's nanny. On this machine each
+    read theirs when they are loaded get them from Dask's nanny. On this machine each
     worker is put on a core of its own, too; a batch system does that for its jobs. What
     a terminal's Ctrl-C says to all its processes there is left to the one that asked.
     """
@@ -43,7 +43,7 @@ class PinnedWorker(WorkerPlugin):
 def perform_task(
     play: Callable[[Mapping[str, Any]], Outcome],
     key: str,
-    settings: Mapping[str, Any],
+    settings: RunSettings,
 ) -> Record:
     """The record of one run (see `store.Results`); its error is part of it.
 
@@ -56,8 +56,8 @@ def perform_task(
     try:
         outcome = play(settings)
     except Exception as raised:  # whatever it is, it is this run's alone
-        told = traceback.format_exception(raised)
-        error = "".join(told[-_LINES:]).strip()
+        lines = traceback.format_exception(raised)
+        error = "".join(lines[-_LINES:]).strip()
     return {
         "key": key,
         "settings": dict(settings),

@@ -122,8 +122,7 @@ def _start_cluster(place: Workplace, logs: Path) -> Any:
     jobqueue = import_extra("dask_jobqueue", "cluster", "--cluster")
 
     set_by_user = dask.config.get(f"jobqueue.{place.cluster}", {})
-    wanted = {"cores": 1, "processes": 1, "memory": _MEMORY,
-              "log_directory": str(logs)}  # fmt: skip
+    wanted = {"cores": 1, "processes": 1, "memory": _MEMORY, "log_directory": str(logs)}
     more: dict[str, Any] = {
         k: v for k, v in wanted.items() if set_by_user.get(k.replace("_", "-")) is None
     }

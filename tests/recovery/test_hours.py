@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.body.damage import Damage, Strike
 from selfheal.errors import InputError, RunFileError
-from selfheal.gait.synthesis import measure_way
+from selfheal.gait.synthesis import measure_distance
 from selfheal.recovery.hours import (
     PAUSE,
     _list_events,
@@ -170,11 +170,11 @@ def test_a_way_counts_where_it_curves_and_not_where_it_rocks_or_slides():
     turn = np.radians(1.5) * time  # 15 degrees in 10 s, along the tangent
     path = np.stack([np.sin(turn), 1 - np.cos(turn), still], axis=1)
     faced = np.stack([np.cos(turn / 2), still, still, np.sin(turn / 2)], axis=1)
-    assert measure_way(path, faced, 0.0) == pytest.approx(turn[-1], rel=0.02)
-    back = measure_way(path, faced, np.pi)
-    assert back == pytest.approx(-measure_way(path, faced, 0.0))
+    assert measure_distance(path, faced, 0.0) == pytest.approx(turn[-1], rel=0.02)
+    back = measure_distance(path, faced, np.pi)
+    assert back == pytest.approx(-measure_distance(path, faced, 0.0))
     ahead = np.tile([1.0, 0, 0, 0], (600, 1))
     for along in ([0.1 * np.sin(2 * np.pi * time), still], [still, time]):
         path = np.stack([*along, still], axis=1)
-        assert abs(measure_way(path, ahead, 0.0)) < 0.1
+        assert abs(measure_distance(path, ahead, 0.0)) < 0.1
     assert LEARNING_TIME < PAUSE
