@@ -2,12 +2,12 @@
 
 import json
 import re
+from functools import partial
 
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.recording import read
+from tests.support.command import run_well
 from tests.support.paths import RECORDINGS
 
 FIELD = RECORDINGS / "field"
@@ -49,10 +49,7 @@ LOGS = {
 }  # fmt: skip
 
 
-def _run(*words):
-    ended = CliRunner().invoke(app, ["recording", "import", *map(str, words)])
-    assert ended.exit_code == 0, ended.output
-    return ended.stdout
+_run = partial(run_well, "recording", "import")
 
 
 @pytest.mark.parametrize("name", LOGS)
