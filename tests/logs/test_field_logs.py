@@ -8,6 +8,7 @@ import pytest
 
 from selfheal.recording import read
 from tests.support.command import run_well
+from tests.support.logs.newcomer_robots import make_chain
 from tests.support.paths import RECORDINGS
 
 FIELD = RECORDINGS / "field"
@@ -16,16 +17,8 @@ UR10 = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3
 
 
 def _make_arm(joints, actuator="motor"):
-    bodies = "".join(
-        f'<body pos="0.2 0 0"><joint name="{name}" axis="0 {k % 2} {1 - k % 2}"/>'
-        '<geom type="capsule" size="0.03" fromto="0 0 0 0.2 0 0"/>'
-        for k, name in enumerate(joints)
-    )
-    drives = "".join(f'<{actuator} name="{n}" joint="{n}"/>' for n in joints)
-    return (
-        f"<mujoco><worldbody>{bodies}{'</body>' * len(joints)}</worldbody>"
-        f"<actuator>{drives}</actuator></mujoco>"
-    )
+    unlimited = dict.fromkeys(joints, (0, 0))
+    return make_chain(unlimited, f'<{actuator} name="{{}}" joint="{{}}"/>')
 
 
 def _read_go2():
