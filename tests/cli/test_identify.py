@@ -312,7 +312,7 @@ def test_show_of_an_interrupted_run_says_how_to_go_on(copied):
     shown = run_well("show", copied / "run.h5")
     assert "1 of 2 cycles" in shown
     assert f"--resume {copied / 'run.h5'}" in shown
-    told = json.loads(run("show", copied / "run.h5", "--json").stdout)
+    told = json.loads(run_well("show", copied / "run.h5", "--json"))
     assert told["cycles"] == 1
 
 

@@ -13,14 +13,6 @@ from selfheal.errors import EngineError, InputError
 from selfheal.recording import Episode, Recording, Signal, write
 from tests.support.command import refuse, run
 
-
-@pytest.fixture
-def file(recording, tmp_path):
-    path = tmp_path / "arm.h5"
-    write(recording, path)
-    return path
-
-
 _check = partial(run, "recording", "check")
 
 
