@@ -10,7 +10,7 @@ from selfheal.diagnosis.output.storage import FILES
 from selfheal.recording import read, shorten_names, write
 from selfheal.telemetry import Fault
 from tests.support.command import refuse, run, run_well
-from tests.support.made_up_diagnosis import FINDING, make_diagnosis
+from tests.support.made_up_diagnosis import make_diagnosis
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -83,13 +83,6 @@ def test_a_diagnosis_without_findings_is_printed(verdict, doctor, files, tmp_pat
     doctor.answer = replace(answer, document={**answer.document, "fit": fit})
     result = run_well("diagnose", *files, "--out", tmp_path / "out")
     assert "held-out error" in result and "joint:knee" not in result
-
-
-def test_names_with_brackets_are_no_markup(doctor, files, tmp_path):
-    found = {**FINDING, "target": "joint:[bold]knee[/]"}
-    doctor.answer = make_diagnosis(findings=(found,))
-    result = run_well("diagnose", *files, "--out", tmp_path / "out")
-    assert "[bold]knee[/]" in result
 
 
 def test_what_is_held_out_may_be_an_episode_or_a_file(doctor, files, tmp_path):

@@ -67,14 +67,6 @@ def test_what_contradicts_the_model_is_told(tmp_path):
     assert "keeps the contract and fits" in result.stdout
 
 
-def test_square_brackets_in_a_name_are_no_markup(recording, tmp_path):
-    episodes = {"[red]a[1.0,2.0]": recording.episodes["alpha"]}
-    write(type(recording)(episodes), tmp_path / "a.h5")
-    result = _check(tmp_path / "a.h5")
-    assert result.exit_code == 0
-    assert "[red]a[1" in result.stdout
-
-
 def test_a_refused_file_is_one_message_and_code_2(tmp_path):
     (tmp_path / "bad.h5").write_text("no HDF5")
     for arguments in ([], ["--json"]):

@@ -10,7 +10,7 @@ import pytest
 from selfheal import diagnose
 from selfheal.example import EXAMPLES
 from selfheal.recording import read
-from tests.support.command import run_well
+from tests.support.command import refuse, run_well
 from tests.support.paths import ROOT
 
 
@@ -35,10 +35,8 @@ def _compare(imported, given):
 
 def test_without_a_folder_there_is_one_below_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert run_well("example", "pendulum").startswith("runs/example-pendulum/model.xml")
-    assert run_well("example", "pendulum").startswith(
-        "runs/example-pendulum.2/model.xml"
-    )
+    for folder in ("runs/example-pendulum", "runs/example-pendulum.2"):
+        assert run_well("example", "pendulum").startswith(f"{folder}/model.xml")
 
 
 def test_the_recording_is_what_its_map_makes_of_the_log(made, tmp_path):
@@ -84,7 +82,6 @@ def test_what_the_pendulum_conceals_is_found(tmp_path):
 
 
 def test_an_unknown_example_is_refused(tmp_path):
-    ended = CliRunner().invoke(app, ["example", "pendulums", "--out", str(tmp_path)])
-    assert ended.exit_code == 2
-    assert "valid: desk_arm, hung_quadruped, pendulum, six_axis" in ended.stderr
+    said = refuse("example", "pendulums", "--out", tmp_path)
+    assert "valid: desk_arm, hung_quadruped, pendulum, six_axis" in said
     assert not list(tmp_path.iterdir())
