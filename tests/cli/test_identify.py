@@ -17,7 +17,6 @@ from selfheal.robot.open_robot import open_robot
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Run, Settings, save_run
 from tests.support.command import refuse, run, run_well
-from tests.support.stick_robot import Toy
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
 SMALL += ["--budget", "600", "--seed", "5"]
@@ -321,8 +320,3 @@ def test_robots_are_listed():
     told = json.loads(run("robots", "--json").stdout)
     assert [line.split()[0] for line in lines] == [*told["robots"]]
     assert "starfish" in told["robots"]
-
-
-def test_the_name_of_a_test_robot_is_no_robot():
-    """Tests do not install robots."""
-    assert Toy().name in _refused("--robot", Toy().name)

@@ -4,6 +4,7 @@ import json
 import re
 from functools import partial
 
+import numpy as np
 import pytest
 
 from selfheal.recording import read
@@ -21,23 +22,25 @@ def _make_arm(joints, actuator="motor"):
     return make_chain(unlimited, f'<{actuator} name="{{}}" joint="{{}}"/>')
 
 
+def _make_servo():
+    return _make_arm(["servo"], "position")
+
+
 def _read_go2():
     """The project's model without its meshes, which are not here."""
     text = (FIELD / "go2_air" / "go2_upstream.xml").read_text()
     return re.sub(r'<geom[^>]*mesh="[^"]*"[^>]*/>|<mesh [^>]*/>', "", text)
 
 
-LOGS = {
-    "go2_air/traj_0.pt": (_read_go2, 1, 12, 23.5),
-    "servo_50hz/dataset.json": (lambda: _make_arm(["servo"], "position"), 100, 1, 3.0),
-    "servo_50hz/drop-response-1.json": (
-        lambda: _make_arm(["servo"], "position"), 1, 1, 7.0,
-    ),
+LOGS = {  # model, episodes, signals, rows, the longest episode [s]
+    "go2_air/traj_0.pt": (_read_go2, 1, 12, 4698, 23.5),
+    "servo_50hz/dataset.json": (_make_servo, 100, 1, 8756, 3.0),
+    "servo_50hz/drop-response-1.json": (_make_servo, 1, 1, 353, 7.0),
     "ros2_bags/ur10_exciting_trajectory.db3": (
-        lambda: _make_arm([f"{n}_joint" for n in UR10]), 1, 12, 27.5,
+        lambda: _make_arm([f"{n}_joint" for n in UR10]), 1, 12, 3441, 27.5,
     ),
     "ros2_bags/panda_exciting_trajectory.db3": (
-        lambda: _make_arm([f"fer_joint{k}" for k in range(1, 8)]), 1, 14, 24.2,
+        lambda: _make_arm([f"fer_joint{k}" for k in range(1, 8)]), 1, 14, 727, 24.2,
     ),
 }  # fmt: skip
 
@@ -47,7 +50,7 @@ _run = partial(run_well, "recording", "import")
 
 @pytest.mark.parametrize("name", LOGS)
 def test_a_guess_imports_it(name, tmp_path):
-    make, episodes, signals, seconds = LOGS[name]
+    make, episodes, signals, rows, seconds = LOGS[name]
     model, map_file = tmp_path / "model.xml", tmp_path / "map.toml"
     model.write_text(make())
     words = (FIELD / name, "--model", model)
@@ -59,8 +62,10 @@ def test_a_guess_imports_it(name, tmp_path):
     _run(*words, "--map", map_file, "--out", tmp_path / "rec.h5")
     found = read(tmp_path / "rec.h5").episodes
     assert len(found) == episodes
+    assert sum(episode.time.size for episode in found.values()) == rows
     for episode in found.values():
         assert len(episode.signals) == signals
+        assert all(np.isfinite(s.values).all() for s in episode.signals.values())
     longest = max(episode.time[-1] for episode in found.values())
     assert longest == pytest.approx(seconds, abs=0.1)
 
