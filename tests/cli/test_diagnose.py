@@ -9,7 +9,7 @@ import pytest
 from selfheal.diagnosis.output.storage import FILES
 from selfheal.recording import read, shorten_names, write
 from selfheal.telemetry import Fault
-from tests.support.command import refuse, run, run_well
+from tests.support.commands.run import refuse, run, run_well
 from tests.support.made_up_diagnosis import make_diagnosis
 
 pytestmark = pytest.mark.usefixtures("undrawn")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from selfheal.recording import Recording
-from tests.support.command import refuse, run_well
+from tests.support.commands.run import refuse, run_well
 from tests.support.diagnosis_folder import write_empty_diagnosis
 
 HINGE = """<mujoco><worldbody><body><joint name="hinge" damping="0.1"/>

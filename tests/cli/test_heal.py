@@ -7,7 +7,7 @@ import pytest
 
 from selfheal.body.mjcf import format_mjcf
 from selfheal.recording import write
-from tests.support.command import refuse, run, run_well
+from tests.support.commands.run import refuse, run, run_well
 from tests.support.short_heal import BODY, identified
 
 pytestmark = pytest.mark.usefixtures("short_heal", "undrawn")

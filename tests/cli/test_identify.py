@@ -16,7 +16,7 @@ from selfheal.recording import Recording, write
 from selfheal.robot.open_robot import open_robot
 from selfheal.selfmodel.read_run import load_run
 from selfheal.selfmodel.run import Run, Settings, save_run
-from tests.support.command import refuse, run, run_well
+from tests.support.commands.run import refuse, run, run_well
 
 SMALL = ["--robot", "starfish", "--engine", "statics", "--cycles", "2"]
 SMALL += ["--budget", "600", "--seed", "5"]

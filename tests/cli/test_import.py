@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from selfheal.recording import read
-from tests.support.command import refuse, run_well
+from tests.support.commands.run import refuse, run_well
 from tests.support.diagnosis_folder import write_empty_diagnosis
 
 MODEL = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>

@@ -17,7 +17,7 @@ import pytest
 from selfheal.example.simulate import Run, simulate_runs
 from selfheal.example.write_logs import write_csv, write_ros2_bag
 from selfheal.recording import load_model, read
-from tests.support.command import run_well
+from tests.support.commands.run import run_well
 from tests.support.logs import newcomer_robots as robots
 from tests.support.logs import newcomers as logs
 from tests.support.logs.reading import FIELD, needs_field

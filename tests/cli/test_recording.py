@@ -11,7 +11,7 @@ import pytest
 from selfheal import __version__
 from selfheal.errors import EngineError, InputError
 from selfheal.recording import Episode, Recording, Signal, write
-from tests.support.command import refuse, run
+from tests.support.commands.run import refuse, run
 
 _check = partial(run, "recording", "check")
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from selfheal.recovery.recover_run import RecoverSettings
-from tests.support.command import refuse, run_well
+from tests.support.commands.run import refuse, run_well
 from tests.support.short_recover import shorten
 
 

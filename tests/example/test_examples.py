@@ -10,7 +10,7 @@ import pytest
 from selfheal import diagnose
 from selfheal.example import EXAMPLES
 from selfheal.recording import read
-from tests.support.command import refuse, run_well
+from tests.support.commands.run import refuse, run_well
 from tests.support.paths import ROOT
 
 

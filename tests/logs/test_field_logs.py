@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from selfheal.recording import read
-from tests.support.command import run_well
+from tests.support.commands.run import run_well
 from tests.support.logs.newcomer_robots import make_chain
 from tests.support.paths import RECORDINGS
 

@@ -12,7 +12,7 @@ from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.preparation.contacts import POSES, draw_pose, find_touching_pairs
 from selfheal.preparation.inertias import find_possible_inertia
 from selfheal.recording import load_model, write
-from tests.support.command import refuse, run_well
+from tests.support.commands.run import refuse, run_well
 from tests.support.mjcf_models import CUBE, write_file
 from tests.support.recorded_robots import Robot, record
 
