@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Episode, Recording, Signal, write
 from tests.support.paths import RECORDINGS
 
 # a film takes seconds; who tests one takes `renderer`
@@ -102,6 +102,14 @@ def _episode(samples: int, qpos0: np.ndarray | None = None) -> Episode:
         qvel0=None if qpos0 is None else np.zeros(2),
         motion="wave",
     )
+
+
+@pytest.fixture
+def file(recording, tmp_path) -> Path:
+    """That recording on disk."""
+    path = tmp_path / "arm.h5"
+    write(recording, path)
+    return path
 
 
 @pytest.fixture

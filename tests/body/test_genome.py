@@ -26,7 +26,7 @@ from selfheal.body.genome import (
     encode_tree,
     encode_unit_genes,
 )
-from tests.support.stick_robot import PARENT, anatomy, truth_genome
+from tests.support.stick_robot import anatomy
 
 PARTS = 8
 # papers.md 1.3
@@ -290,9 +290,3 @@ def test_a_batch_in_two_pieces_is_the_batch(make, join):
             np.testing.assert_array_equal(
                 getattr(again, f.name), getattr(batch, f.name)
             )
-
-
-def test_the_stick_robots_truth_is_in_its_own_space():
-    genome = truth_genome()
-    np.testing.assert_array_equal(genome.parent, [PARENT])
-    np.testing.assert_array_equal(genome.length, [anatomy().length])

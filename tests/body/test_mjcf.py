@@ -81,12 +81,6 @@ def test_physics_reach_the_model():
     np.testing.assert_allclose(heavy.body_mass, 1.5 * plain.body_mass, rtol=1e-5)
 
 
-def _changed(text: str, pattern: str, by: str = "") -> str:
-    changed = re.sub(pattern, by, text, flags=re.DOTALL)
-    assert changed != text
-    return changed
-
-
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ModelError, match=r"nowhere\.xml"):
         load(tmp_path / "nowhere.xml")
@@ -99,22 +93,27 @@ def test_what_mujoco_cannot_read_is_refused(text, tmp_path):
     assert "\n" not in str(refusal.value)
 
 
-def test_a_model_without_actuators_is_refused(text, tmp_path):
-    with pytest.raises(ModelError, match="no actuators"):
-        _loaded(tmp_path, _changed(text, "<actuator>.*</actuator>"))
-
-
-def test_a_geom_without_a_mass_is_refused(text, tmp_path):
-    bare = _changed(text, r'(<geom name="part_0"[^>]*) mass="[^"]*"', r"\1")
-    with pytest.raises(ModelError, match="of 'part_0' needs a positive mass"):
-        _loaded(tmp_path, bare)
-
-
-def test_a_part_with_two_capsules_is_refused(text, tmp_path):
-    geom = re.search(r'<geom name="part_0"[^>]*/>', text).group()
-    twice = text.replace(geom, geom + geom.replace("part_0", "again"))
-    with pytest.raises(ModelError, match="'part_0' has 2 capsule geoms"):
-        _loaded(tmp_path, twice)
+@pytest.mark.parametrize(
+    ("pattern", "by", "said"),
+    [
+        ("<actuator>.*</actuator>", "", "no actuators"),
+        (
+            r'(<geom name="part_0"[^>]*) mass="[^"]*"',
+            r"\1",
+            "of 'part_0' needs a positive mass",
+        ),
+        (
+            r'(<geom name=")part_0("[^>]*/>)',
+            r"\1part_0\2\1again\2",
+            "'part_0' has 2 capsule geoms",
+        ),
+    ],
+)
+def test_a_model_of_no_such_body_is_refused(text, pattern, by, said, tmp_path):
+    changed = re.sub(pattern, by, text, flags=re.DOTALL)
+    assert changed != text
+    with pytest.raises(ModelError, match=said):
+        _loaded(tmp_path, changed)
 
 
 def test_servos_in_any_order_make_parts_of_any_order(text, tmp_path):

@@ -1,14 +1,14 @@
 """`selfheal recording export`: a file for another program, or one message."""
 
 import json
+from functools import partial
 
 import numpy as np
 import pandas as pd
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.recording import Recording
+from tests.support.commands.run import refuse, run_well
 from tests.support.diagnosis_folder import write_empty_diagnosis
 
 HINGE = """<mujoco><worldbody><body><joint name="hinge" damping="0.1"/>
@@ -31,28 +31,24 @@ def home(tmp_path, monkeypatch):
     return tmp_path
 
 
-def _export(*arguments):
-    return CliRunner().invoke(app, ["recording", "export", *map(str, arguments)])
+_export = partial(run_well, "recording", "export")
 
 
 def test_a_file_has_the_recording_s_name_and_is_not_overwritten(home):
-    assert _export("log.h5", "--to", "csv").stdout == "log.csv: 1 episode\n"
+    assert _export("log.h5", "--to", "csv") == "log.csv: 1 episode\n"
     before = (home / "log.csv").read_bytes()
-    again = _export("log.h5", "--to", "csv")
-    assert again.exit_code == 2 and "--force replaces it" in again.stderr
-    assert _export("log.h5", "--to", "csv", "--force").exit_code == 0
+    again = "recording", "export", "log.h5", "--to", "csv"
+    assert "--force replaces it" in refuse(*again)
+    run_well(*again, "--force")
     assert (home / "log.csv").read_bytes() == before
 
 
 def test_predictions_stand_beside_readings(home):
     words = "--to parquet --diagnosis diagnosis --out both.parquet --json"
-    result = _export("log.h5", *words.split())
-    told = json.loads(result.stdout)
+    told = json.loads(_export("log.h5", *words.split()))
     assert (told["exported"], told["episodes"]) == ("both.parquet", 1)
-    replayed = CliRunner().invoke(app, ["replay", "diagnosis", "log.h5"])
-    assert replayed.exit_code == 0
-    again = _export("predicted.h5", "--to", "parquet", "--out", "replayed.parquet")
-    assert again.exit_code == 0
+    run_well("replay", "diagnosis", "log.h5")
+    _export("predicted.h5", "--to", "parquet", "--out", "replayed.parquet")
     both, alone = pd.read_parquet("both.parquet"), pd.read_parquet("replayed.parquet")
     column = "hinge_position"
     np.testing.assert_array_equal(
@@ -74,7 +70,5 @@ def test_predictions_stand_beside_readings(home):
 )
 def test_what_does_not_fit_is_refused_and_leaves_nothing(home, words, said):
     before = sorted(home.rglob("*"))
-    result = _export(*words.split())
-    assert result.exit_code == 2 and said in result.stderr
-    assert len(result.stderr.splitlines()) == 1
+    assert said in refuse("recording", "export", *words.split())
     assert sorted(home.rglob("*")) == before

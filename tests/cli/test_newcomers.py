@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.example.simulate import Run, simulate_runs
 from selfheal.example.write_logs import write_csv, write_ros2_bag
 from selfheal.recording import load_model, read
+from tests.support.commands.run import run_well
 from tests.support.logs import newcomer_robots as robots
 from tests.support.logs import newcomers as logs
 from tests.support.logs.reading import FIELD, needs_field
@@ -103,12 +102,6 @@ ROUTES = {
 }  # fmt: skip
 
 
-def _run(*words):
-    ended = CliRunner().invoke(app, [*map(str, words)])
-    assert ended.exit_code == 0, ended.output
-    return ended.stdout
-
-
 def _simulate(route: Route, text: str) -> list[Run]:
     """Runs of the robot with what its model lacks."""
 
@@ -137,7 +130,7 @@ def _follow(route: Route, folder: Path) -> list[Run]:
     if route.prepare:
         own = folder / f"own.{'urdf' if '<robot' in route.robot else 'xml'}"
         own.write_text(route.robot)
-        _run("model", "prepare", own, *route.prepare, "--out", model)
+        run_well("model", "prepare", own, *route.prepare, "--out", model)
     else:
         model.write_text(route.robot)
     runs = _simulate(route, model.read_text())
@@ -146,11 +139,11 @@ def _follow(route: Route, folder: Path) -> list[Run]:
     route.write(log, runs, [name for name in joints if name])
     words = ("recording", "import", log, "--model", model)
     preset = ("--preset", route.preset) if route.preset else ()
-    told = json.loads(_run(*words, "--guess", *preset, "--out", folder / "map.toml",
+    told = json.loads(run_well(*words, "--guess", *preset, "--out", folder / "map.toml",
                            "--json"))  # fmt: skip
     assert not told["missing"]
-    _run(*words, "--map", folder / "map.toml", "--out", recording)
-    said = _run("recording", "check", recording, "--model", model,
+    run_well(*words, "--map", folder / "map.toml", "--out", recording)
+    said = run_well("recording", "check", recording, "--model", model,
                 "--map", folder / "map.toml")  # fmt: skip
     assert "no fault of the log was found" in said
     return runs
@@ -178,7 +171,7 @@ def test_a_guess_makes_a_recording_of_what_the_robot_did(name, tmp_path):
 @pytest.mark.parametrize("name", [name for name in ROUTES if name != STANDING])
 def test_the_verdict_names_what_was_concealed_and_nothing_else(name, tmp_path):
     _follow(ROUTES[name], tmp_path)
-    _run("diagnose", tmp_path / "model.xml", tmp_path / "rec.h5",
+    run_well("diagnose", tmp_path / "model.xml", tmp_path / "rec.h5",
          "--out", tmp_path / "found")  # fmt: skip
     document = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     found = [(f["effect"], f["target"]) for f in document["findings"]]
@@ -193,12 +186,12 @@ def test_a_hung_go2_gets_through_to_the_check(tmp_path):
                        FIELD / "go2_air" / "traj_0.pt")  # fmt: skip
     text = (FIELD / "go2_air" / "go2_upstream.xml").read_text()
     own.write_text(text)
-    _run("model", "prepare", own, "--kp", 20, "--kv", 1.5, "--weld-base",
+    run_well("model", "prepare", own, "--kp", 20, "--kv", 1.5, "--weld-base",
          "--out", model)  # fmt: skip
     words = ("recording", "import", log, "--model", model)
-    told = json.loads(_run(*words, "--guess", "--preset", "legged_gym", "--out",
+    told = json.loads(run_well(*words, "--guess", "--preset", "legged_gym", "--out",
                            tmp_path / "map.toml", "--json"))  # fmt: skip
     assert not told["missing"] and not re.search("KP", " ".join(told["remarks"]))
-    _run(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
-    said = _run("recording", "check", tmp_path / "rec.h5", "--model", model)
+    run_well(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
+    said = run_well("recording", "check", tmp_path / "rec.h5", "--model", model)
     assert "no fault of the log was found" in said

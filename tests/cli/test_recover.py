@@ -3,10 +3,9 @@
 import json
 
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.recovery.recover_run import RecoverSettings
+from tests.support.commands.run import refuse, run_well
 from tests.support.short_recover import shorten
 
 
@@ -16,26 +15,18 @@ def short(monkeypatch):
     shorten(monkeypatch.setattr)
 
 
-def _run(*words):
-    return CliRunner().invoke(app, ["recover", *(str(word) for word in words)])
-
-
 def test_on_the_command_line_a_batch_goes_on(short, tmp_path, monkeypatch):
     monkeypatch.setattr("selfheal.robot.scenarios.TABLE", (1, 9))
     monkeypatch.setattr(RecoverSettings, "__init__", _short_settings)
-    made = _run("--robot", "quadruped", "--out", tmp_path, "--json",
-                "--method", "as-described")  # fmt: skip
-    assert made.exit_code == 0, made.output
-    batch = json.loads(made.stdout)
+    start = "recover", "--robot", "quadruped", "--out", tmp_path
+    batch = json.loads(run_well(*start, "--json", "--method", "as-described"))
     assert [r["scenario"] for r in batch["runs"]] == [1, 9]
     assert (tmp_path / "scenario-09" / "report.html").is_file()
-    again = _run("--resume", tmp_path, "--json")
-    assert json.loads(again.stdout) == batch
-    taken = _run("--robot", "quadruped", "--out", tmp_path)
-    assert taken.exit_code == 2 and "--force" in taken.stderr
-    shown = _run("--resume", tmp_path)
-    assert "quadruped, as-described" in shown.stdout
-    assert "scenario 9" in shown.stdout
+    again = run_well("recover", "--resume", tmp_path, "--json")
+    assert json.loads(again) == batch
+    assert "--force" in refuse(*start)
+    shown = run_well("recover", "--resume", tmp_path)
+    assert "quadruped, as-described" in shown and "scenario 9" in shown
 
 
 _INIT = RecoverSettings.__init__
@@ -63,6 +54,4 @@ def _short_settings(self, *args, **more):
 )
 def test_what_makes_no_sense_is_refused(words, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    made = _run(*(word.format(tmp=tmp_path) for word in words))
-    assert made.exit_code == 2
-    assert said in made.stderr and "Traceback" not in made.stderr
+    assert said in refuse("recover", *(word.format(tmp=tmp_path) for word in words))

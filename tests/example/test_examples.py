@@ -6,26 +6,19 @@ import shlex
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from selfheal import diagnose
-from selfheal.cli import app
 from selfheal.example import EXAMPLES
 from selfheal.recording import read
+from tests.support.commands.run import refuse, run_well
 from tests.support.paths import ROOT
-
-
-def _run(*words):
-    ended = CliRunner().invoke(app, list(map(str, words)))
-    assert ended.exit_code == 0, ended.output
-    return ended.stdout
 
 
 @pytest.fixture(scope="module", params=EXAMPLES)
 def made(request, tmp_path_factory):
     """What the command says of the files that it wrote."""
     folder = tmp_path_factory.mktemp(request.param)
-    return json.loads(_run("example", request.param, "--out", folder, "--json"))
+    return json.loads(run_well("example", request.param, "--out", folder, "--json"))
 
 
 def _compare(imported, given):
@@ -42,20 +35,20 @@ def _compare(imported, given):
 
 def test_without_a_folder_there_is_one_below_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert _run("example", "pendulum").startswith("runs/example-pendulum/model.xml")
-    assert _run("example", "pendulum").startswith("runs/example-pendulum.2/model.xml")
+    for folder in ("runs/example-pendulum", "runs/example-pendulum.2"):
+        assert run_well("example", "pendulum").startswith(f"{folder}/model.xml")
 
 
 def test_the_recording_is_what_its_map_makes_of_the_log(made, tmp_path):
     words = ("recording", "import", made["log"], "--model", made["model"])
-    _run(*words, "--map", made["map"], "--out", tmp_path / "rec.h5")
+    run_well(*words, "--map", made["map"], "--out", tmp_path / "rec.h5")
     _compare(read(tmp_path / "rec.h5"), read(made["recording"]))
 
 
 def test_a_guess_makes_the_same_recording(made, tmp_path):
     words = ("recording", "import", made["log"], "--model", made["model"])
-    _run(*words, "--guess", "--out", tmp_path / "map.toml")
-    _run(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
+    run_well(*words, "--guess", "--out", tmp_path / "map.toml")
+    run_well(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
     found, given = read(tmp_path / "rec.h5"), read(made["recording"])
     assert len(found.episodes) == len(given.episodes)
     last = [list(r.episodes.values())[-1] for r in (found, given)]
@@ -73,13 +66,13 @@ def test_the_commands_of_the_page_of_four_logs_work(name, tmp_path, monkeypatch)
     page = (ROOT / "docs" / "four-logs.md").read_text()
     (section,) = (s for s in page.split("\n## ") if f"example {name} " in s)
     lines = re.findall(r"^    selfheal (.*)$", section, re.M)
-    done = [_run(*shlex.split(line)) for line in lines if "diagnose" not in line]
+    done = [run_well(*shlex.split(line)) for line in lines if "diagnose" not in line]
     assert len(done) == 4 and "no fault of the log" in done[-1]
 
 
 @pytest.mark.slow
 def test_what_the_pendulum_conceals_is_found(tmp_path):
-    told = json.loads(_run("example", "pendulum", "--out", tmp_path, "--json"))
+    told = json.loads(run_well("example", "pendulum", "--out", tmp_path, "--json"))
     document = diagnose(told["model"], told["recording"]).document
     (found,) = document["findings"]
     assert (found["effect"], found["target"]) == ("coulomb_friction", "joint:hinge")
@@ -89,7 +82,6 @@ def test_what_the_pendulum_conceals_is_found(tmp_path):
 
 
 def test_an_unknown_example_is_refused(tmp_path):
-    ended = CliRunner().invoke(app, ["example", "pendulums", "--out", str(tmp_path)])
-    assert ended.exit_code == 2
-    assert "valid: desk_arm, hung_quadruped, pendulum, six_axis" in ended.stderr
+    said = refuse("example", "pendulums", "--out", tmp_path)
+    assert "valid: desk_arm, hung_quadruped, pendulum, six_axis" in said
     assert not list(tmp_path.iterdir())

@@ -28,6 +28,15 @@ def _tree() -> list[str]:
     )
 
 
+def _list_loaded(code: str) -> set[str]:
+    """The modules that are loaded once a fresh process has run this."""
+    report = f"{code}; import sys; print(*sys.modules)"
+    result = subprocess.run(
+        [sys.executable, "-c", report], capture_output=True, text=True, check=True
+    )
+    return set(result.stdout.split())
+
+
 def test_every_package_of_the_tree_is_installed():
     assert sorted(PROJECT["tool"]["setuptools"]["packages"]) == _tree()
 
@@ -62,21 +71,13 @@ def test_data_files_are_found_where_they_are_installed():
     ],
 )
 def test_starting_up_loads_nothing_heavy(code):
-    report = f"{code}; import sys; print(*sys.modules)"
-    result = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, text=True, check=True
-    )
-    assert not HEAVY & set(result.stdout.split())
+    assert not HEAVY & _list_loaded(code)
 
 
 def test_a_diagnosis_loads_nothing_that_it_has_no_use_for():
     rooms = ("api", "telemetry", "diagnosis.diagnose", "report.diagnose")
     code = f"import {', '.join(f'selfheal.{room}' for room in rooms)}"
-    report = f"{code}; import sys; print(*sys.modules)"
-    result = subprocess.run(
-        [sys.executable, "-c", report], capture_output=True, text=True, check=True
-    )
-    loaded = {name.partition(".")[0] for name in result.stdout.split()}
+    loaded = {name.partition(".")[0] for name in _list_loaded(code)}
     assert "scipy" in loaded
     assert not loaded & {"dask", "distributed", "jax", "mcap", "numba", "pandas",
                          "pyarrow", "rerun", "rosbags"}  # fmt: skip

@@ -21,6 +21,7 @@ kind = "joint_position"
 columns = ["q_hip"]
 targets = ["hip"]
 """
+ALL = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
 
 
 def _table(rows=50, start=0.0):
@@ -38,8 +39,7 @@ def _import(log, text, tmp_path, **more):
 
 def test_a_table_comes_back_as_it_was(tmp_path):
     table = _table(start=12.3)
-    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
-    recording, made = _import(TableLog({"": table}), text, tmp_path)
+    recording, made = _import(TableLog({"": table}), ALL, tmp_path)
     (episode,) = recording.episodes.values()
     assert episode.ctrl_names == ("hip", "knee")
     assert (episode.ctrl == np.column_stack([table["u_hip"], table["u_knee"]])).all()
@@ -127,8 +127,7 @@ def test_commands_of_two_streams_begin_with_what_was_held(tmp_path):
 @pytest.mark.parametrize("start", [1e10, 1e16, -1e300])
 def test_a_command_at_a_time_of_any_size_is_found(start, tmp_path):
     table = _table(3) | {"t": start * np.ones(3)}
-    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
-    recording, made = _import(TableLog({"": table}), text, tmp_path)
+    recording, made = _import(TableLog({"": table}), ALL, tmp_path)
     assert recording.episodes["000"].ctrl.tolist() == [
         [table["u_hip"][0], table["u_knee"][0]]
     ]
@@ -138,8 +137,7 @@ def test_a_command_at_a_time_of_any_size_is_found(start, tmp_path):
 def test_what_a_damaged_log_lost_is_told(tmp_path):
     log = TableLog({"": _table()})
     log.losses = ["the last line is cut off"] * 2
-    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
-    made = _import(log, text, tmp_path)[1]
+    made = _import(log, ALL, tmp_path)[1]
     assert made.losses == {"run.csv": ["the last line is cut off"]}
 
 
@@ -205,8 +203,7 @@ def test_rows_that_came_late_are_sorted_in_and_counted(tmp_path):
     order[[10, 11]] = order[[11, 10]]
     order[20] = 19
     log = TableLog({"": {name: values[order] for name, values in table.items()}})
-    text = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
-    recording, made = _import(log, text, tmp_path)
+    recording, made = _import(log, ALL, tmp_path)
     assert list(recording.episodes) == ["000"]
     values = recording.episodes["000"].signals["hip_position"].values
     assert (values == np.delete(table["q_hip"], 20)).all()

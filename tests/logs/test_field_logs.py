@@ -2,12 +2,14 @@
 
 import json
 import re
+from functools import partial
 
+import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.recording import read
+from tests.support.commands.run import run_well
+from tests.support.logs.newcomer_robots import make_chain
 from tests.support.paths import RECORDINGS
 
 FIELD = RECORDINGS / "field"
@@ -16,16 +18,12 @@ UR10 = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3
 
 
 def _make_arm(joints, actuator="motor"):
-    bodies = "".join(
-        f'<body pos="0.2 0 0"><joint name="{name}" axis="0 {k % 2} {1 - k % 2}"/>'
-        '<geom type="capsule" size="0.03" fromto="0 0 0 0.2 0 0"/>'
-        for k, name in enumerate(joints)
-    )
-    drives = "".join(f'<{actuator} name="{n}" joint="{n}"/>' for n in joints)
-    return (
-        f"<mujoco><worldbody>{bodies}{'</body>' * len(joints)}</worldbody>"
-        f"<actuator>{drives}</actuator></mujoco>"
-    )
+    unlimited = dict.fromkeys(joints, (0, 0))
+    return make_chain(unlimited, f'<{actuator} name="{{}}" joint="{{}}"/>')
+
+
+def _make_servo():
+    return _make_arm(["servo"], "position")
 
 
 def _read_go2():
@@ -34,30 +32,25 @@ def _read_go2():
     return re.sub(r'<geom[^>]*mesh="[^"]*"[^>]*/>|<mesh [^>]*/>', "", text)
 
 
-LOGS = {
-    "go2_air/traj_0.pt": (_read_go2, 1, 12, 23.5),
-    "servo_50hz/dataset.json": (lambda: _make_arm(["servo"], "position"), 100, 1, 3.0),
-    "servo_50hz/drop-response-1.json": (
-        lambda: _make_arm(["servo"], "position"), 1, 1, 7.0,
-    ),
+LOGS = {  # model, episodes, signals, rows, the longest episode [s]
+    "go2_air/traj_0.pt": (_read_go2, 1, 12, 4698, 23.5),
+    "servo_50hz/dataset.json": (_make_servo, 100, 1, 8756, 3.0),
+    "servo_50hz/drop-response-1.json": (_make_servo, 1, 1, 353, 7.0),
     "ros2_bags/ur10_exciting_trajectory.db3": (
-        lambda: _make_arm([f"{n}_joint" for n in UR10]), 1, 12, 27.5,
+        lambda: _make_arm([f"{n}_joint" for n in UR10]), 1, 12, 3441, 27.5,
     ),
     "ros2_bags/panda_exciting_trajectory.db3": (
-        lambda: _make_arm([f"fer_joint{k}" for k in range(1, 8)]), 1, 14, 24.2,
+        lambda: _make_arm([f"fer_joint{k}" for k in range(1, 8)]), 1, 14, 727, 24.2,
     ),
 }  # fmt: skip
 
 
-def _run(*words):
-    ended = CliRunner().invoke(app, ["recording", "import", *map(str, words)])
-    assert ended.exit_code == 0, ended.output
-    return ended.stdout
+_run = partial(run_well, "recording", "import")
 
 
 @pytest.mark.parametrize("name", LOGS)
 def test_a_guess_imports_it(name, tmp_path):
-    make, episodes, signals, seconds = LOGS[name]
+    make, episodes, signals, rows, seconds = LOGS[name]
     model, map_file = tmp_path / "model.xml", tmp_path / "map.toml"
     model.write_text(make())
     words = (FIELD / name, "--model", model)
@@ -69,8 +62,10 @@ def test_a_guess_imports_it(name, tmp_path):
     _run(*words, "--map", map_file, "--out", tmp_path / "rec.h5")
     found = read(tmp_path / "rec.h5").episodes
     assert len(found) == episodes
+    assert sum(episode.time.size for episode in found.values()) == rows
     for episode in found.values():
         assert len(episode.signals) == signals
+        assert all(np.isfinite(s.values).all() for s in episode.signals.values())
     longest = max(episode.time[-1] for episode in found.values())
     assert longest == pytest.approx(seconds, abs=0.1)
 

@@ -1,40 +1,25 @@
 """A proposed map finds columns by name, unit, limits and motion, and tells doubts."""
 
-import tomllib
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from selfheal.logs.convert import import_logs
 from selfheal.logs.guessing import conversions
 from selfheal.logs.guessing.column_names import read_name, score_kinds, score_names
 from selfheal.logs.guessing.guess import guess_map
 from selfheal.logs.guessing.map_text import format_map
-from selfheal.logs.log_map import COMMAND, parse_map
+from selfheal.logs.log_map import COMMAND
 from selfheal.logs.model_facts import format_servo
 from selfheal.logs.motion import compare_command
 from selfheal.preparation.drives import EVERY, Gains
 from selfheal.preparation.prepare import prepare_model
-from selfheal.recording import list_model_names, read
-from tests.support.logs.table_log import TableLog
+from tests.support.logs.newcomer_robots import make_chain
+from tests.support.logs.table_log import TableLog, import_guess, list_guessed
 
 JOINTS = {"pan": (-2.5, 2.5), "lift": (-0.2, 2.0), "elbow": (-2.6, -0.3)}
-ARM = f"""<mujoco>
-  <compiler angle="radian" autolimits="true"/>
-  <worldbody><body name="base">{
-    "".join(
-        f'<body name="{n}_link" pos="0.2 0 0"><joint name="{n}" range="{a} {b}" '
-        f'axis="{"0 0 1" if n == "pan" else "0 1 0"}" damping="1"/>'
-        '<geom type="capsule" size="0.02" fromto="0 0 0 0.2 0 0"/>'
-        for n, (a, b) in JOINTS.items()
-    )
-}{"</body>" * 4}</worldbody>
-  <actuator>{
-    "".join(f'<position name="{n}_servo" joint="{n}" kp="60" kv="2"/>' for n in JOINTS)
-}</actuator>
-</mujoco>"""
+ARM = make_chain(JOINTS, '<position name="{}_servo" joint="{}" kp="60" kv="2"/>')
 
 
 @pytest.fixture(scope="module")
@@ -73,13 +58,8 @@ def _make_table(
 
 def _list_found(guess):
     """Column, unit and sign by kind and target."""
-    return {
-        (line.kind, target): (column, unit.unit, unit.sign)
-        for line in guess.lines
-        for column, target, unit in zip(
-            line.columns, line.targets, line.units, strict=True
-        )
-    }
+    found = list_guessed(guess).items()
+    return {key: (column, unit.unit, unit.sign) for key, (column, unit, _) in found}
 
 
 def _expect(command, position, speed, units=("rad", "rad", "rad/s"), names=JOINTS):
@@ -177,13 +157,8 @@ def test_a_column_in_percent_is_mapped_to_its_range(model, motion):
     table = _make_table((time, np.rad2deg(ctrl), np.rad2deg(q), v))
     table["elbow_pos"] = 100 * (q[:, 2] - low) / (high - low)
     guess = guess_map(TableLog({"": table}), model)
-    ranges = [
-        unit.ranges
-        for line in guess.lines
-        for target, unit in zip(line.targets, line.units, strict=True)
-        if target == "elbow" and line.kind == "joint_position"
-    ]
-    assert ranges == [((0.0, 100.0), (low, high))]
+    _, unit, _ = list_guessed(guess)["joint_position", "elbow"]
+    assert unit.ranges == ((0.0, 100.0), (low, high))
 
 
 def test_what_is_asked_to_be_looked_at_is_said_to_be_less_than_sure(model, motion):
@@ -300,11 +275,7 @@ def test_the_text_of_a_guess_imports_what_the_robot_did(model, motion, tmp_path)
     log = TableLog({"": table})
     text = format_map(guess_map(log, model), "log\n.csv", "arm\x1b.xml")
     assert "\x1b" not in text
-    import_logs(
-        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
-        tmp_path / "rec.h5",
-    )  # fmt: skip
-    episode = read(tmp_path / "rec.h5").episodes["000"]
+    episode = import_guess(log, text, model, tmp_path / "rec.h5")
     assert episode.ctrl == pytest.approx(ctrl)
     for k, name in enumerate(JOINTS):
         assert episode.signals[f"{name}_position"].values == pytest.approx(q[:, k])

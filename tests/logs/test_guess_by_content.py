@@ -1,30 +1,21 @@
 """What names leave open is guessed by content, or stated by a preset."""
 
-import tomllib
-
 import mujoco
 import numpy as np
 import pytest
 
 from selfheal.errors import InputError, UnknownNameError
-from selfheal.logs.convert import import_logs
 from selfheal.logs.guessing.guess import guess_map
 from selfheal.logs.guessing.map_text import format_map
 from selfheal.logs.guessing.presets import list_presets, read_preset
-from selfheal.logs.log_map import COMMAND, parse_map
-from selfheal.recording import list_model_names, read
-from tests.support.logs.table_log import TableLog
+from selfheal.logs.log_map import COMMAND
+from tests.support.logs.newcomer_robots import make_chain
+from tests.support.logs.table_log import TableLog, import_guess, list_guessed
 
 JOINTS = {"pan": (-2.5, 2.5), "lift": (-1.6, 1.7), "gripper": (-0.17, 1.75)}
 RANGES = np.array(list(JOINTS.values()))
-ARM = f"""<mujoco><compiler angle="radian" autolimits="true"/><worldbody>{
-    "".join(
-        f'<body pos="0.1 0 0"><joint name="{n}" range="{a} {b}"/><geom size="0.02"/>'
-        for n, (a, b) in JOINTS.items()
-    )
-}{"</body>" * 3}</worldbody><actuator>{
-    "".join(f'<position name="{n}" joint="{n}" kp="9"/>' for n in JOINTS)
-}</actuator></mujoco>"""
+SERVO = '<position name="{}" joint="{}" kp="9"/>'
+ARM = make_chain(JOINTS, SERVO)
 TICK = 2 * np.pi / 4096
 
 
@@ -68,11 +59,30 @@ def _write_lerobot(motion, unit, is_quantized):
 
 
 def _list_units(guess):
-    return {
-        (line.kind, target): (unit.unit or unit.ranges[0], sure)
-        for line in guess.lines
-        for target, unit, sure in zip(line.targets, line.units, line.sure, strict=True)
-    }
+    found = list_guessed(guess).items()
+    return {key: (unit.unit or unit.ranges[0], sure) for key, (_, unit, sure) in found}
+
+
+def _name_targets(motion):
+    """A table whose names tell what commands and positions are of."""
+    _, ctrl, q, _ = motion
+    table = {f"cmd_{n}": ctrl[:, k] for k, n in enumerate(JOINTS)}
+    return table | {f"{n}_pos": q[:, k] for k, n in enumerate(JOINTS)}
+
+
+def _number(motion, blocks):
+    """A table (T, 1 + 3 B) of the time and what each letter stands for."""
+    time, *arrays = motion
+    values = dict(zip("uqv", arrays, strict=True))
+    return np.column_stack([time, *(values[b] for b in blocks)])
+
+
+def _guess_numbered(table, model):
+    log = TableLog({"": {f"col{k}": column for k, column in enumerate(table.T)}})
+    return guess_map(log, model)
+
+
+KINDS = {"u": COMMAND, "q": "joint_position", "v": "joint_velocity"}
 
 
 @pytest.mark.parametrize("unit", ["deg", "share"])
@@ -95,11 +105,7 @@ def test_what_values_do_not_tell_is_said_and_a_preset_settles_it(
     assert max(doubtful) <= 0.5 and "--preset lerobot-so101" in guess.lines[0].why[0]
     preset = read_preset("lerobot-so101")
     text = format_map(guess_map(log, model, preset), "log", "model")
-    import_logs(
-        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
-        tmp_path / "rec.h5",
-    )  # fmt: skip
-    episode = read(tmp_path / "rec.h5").episodes["000"]
+    episode = import_guess(log, text, model, tmp_path / "rec.h5")
     time, ctrl, q, _ = motion
     assert episode.ctrl == pytest.approx(ctrl, abs=1e-9)
     assert episode.signals["lift_position"].values == pytest.approx(q[:, 1])
@@ -120,25 +126,16 @@ def test_a_preset_that_is_not_known_is_said():
 
 @pytest.mark.parametrize("blocks", ["uqv", "vqu", "uq", "qu"])
 def test_columns_without_names_are_told_by_their_motion(blocks, model, motion):
-    time, ctrl, q, v = motion
-    values = {"u": ctrl, "q": q, "v": v}
-    table = np.column_stack([time, *(values[b] for b in blocks)])
-    log = TableLog({"": {f"col{k}": column for k, column in enumerate(table.T)}})
-    guess = guess_map(log, model)
+    guess = _guess_numbered(_number(motion, blocks), model)
     assert guess.time.clocks[""].column == "col0"
-    kinds = {"u": COMMAND, "q": "joint_position", "v": "joint_velocity"}
     want = {
-        (kinds[b], name): f"col{1 + 3 * i + k}"
+        (KINDS[b], name): f"col{1 + 3 * i + k}"
         for i, b in enumerate(blocks)
         for k, name in enumerate(JOINTS)
     }
-    found = {
-        (line.kind, target): column
-        for line in guess.lines
-        for column, target in zip(line.columns, line.targets, strict=True)
-    }
-    assert found == want
-    assert max(sure for line in guess.lines for sure in line.sure) < 0.7
+    found = list_guessed(guess)
+    assert {key: column for key, (column, *_) in found.items()} == want
+    assert max(sure for *_, sure in found.values()) < 0.7
 
 
 def test_a_map_has_lines_to_fill_in_for_what_was_not_found(model):
@@ -151,58 +148,41 @@ def test_a_map_has_lines_to_fill_in_for_what_was_not_found(model):
 
 
 def test_rows_of_zeros_are_left_out_by_a_guess(model, motion, tmp_path):
-    time, ctrl, q, _ = motion
+    time, ctrl, q, v = motion
     rows = np.arange(len(time)) % 6 == 3
-    table = {"time": time}
-    table |= {f"cmd_{n}": ctrl[:, k] for k, n in enumerate(JOINTS)}
-    table |= {f"{n}_pos": np.where(rows, 0, q[:, k]) for k, n in enumerate(JOINTS)}
-    log = TableLog({"": table})
+    zeroed = time, ctrl, np.where(rows[:, None], 0, q), v
+    log = TableLog({"": {"time": time} | _name_targets(zeroed)})
     text = format_map(guess_map(log, model), "log", "model")
     assert text.count("missing = 0") == 1
-    import_logs(
-        [log], parse_map(tomllib.loads(text), "map"), list_model_names(model),
-        tmp_path / "rec.h5",
-    )  # fmt: skip
-    values = read(tmp_path / "rec.h5").episodes["000"].signals["lift_position"].values
-    assert (np.isnan(values) == rows).all()
+    episode = import_guess(log, text, model, tmp_path / "rec.h5")
+    assert (np.isnan(episode.signals["lift_position"].values) == rows).all()
 
 
 @pytest.mark.parametrize("blocks", ["uqv", "quv"])
 def test_runs_whose_time_begins_again_are_compared_run_by_run(blocks, model, motion):
-    time, ctrl, q, v = motion
-    values = {"u": ctrl, "q": q, "v": v}
     rows = np.concatenate([np.arange(450, 900), np.arange(450), np.arange(600, 1000)])
-    table = np.column_stack([time, *(values[b] for b in blocks)])[rows]
+    table = _number(motion, blocks)[rows]
     for start in (0, 450, 900):
         table[start : start + 450, 0] -= table[start, 0]
-    log = TableLog({"": {f"col{k}": column for k, column in enumerate(table.T)}})
-    guess = guess_map(log, model)
-    kinds = {"u": COMMAND, "q": "joint_position", "v": "joint_velocity"}
+    guess = _guess_numbered(table, model)
     assert {line.kind: line.columns[0] for line in guess.lines} == {
-        kinds[b]: f"col{1 + 3 * i}" for i, b in enumerate(blocks)
+        KINDS[b]: f"col{1 + 3 * i}" for i, b in enumerate(blocks)
     }
     assert guess.time.episodes.gap is None
 
 
 def test_a_rate_that_nothing_states_is_left_to_the_user(model, motion, tmp_path):
-    _, ctrl, q, _ = motion
-    table = {f"cmd_{n}": ctrl[:, k] for k, n in enumerate(JOINTS)}
-    table |= {f"{n}_pos": q[:, k] for k, n in enumerate(JOINTS)}
-    text = format_map(guess_map(TableLog({"": table}), model), "log", "model")
+    log = TableLog({"": _name_targets(motion)})
+    text = format_map(guess_map(log, model), "log", "model")
     assert "# rate = " in text and "LOOK: the log has no time" in text
     with pytest.raises(InputError, match="rate = ... in Hz"):
-        import_logs(
-            [TableLog({"": table})], parse_map(tomllib.loads(text), "map"),
-            list_model_names(model), tmp_path / "rec.h5",
-        )  # fmt: skip
+        import_guess(log, text, model, tmp_path / "rec.h5")
 
 
 @pytest.mark.parametrize("order", ["wxyz", "xyzw"])
 @pytest.mark.parametrize("preset", ["", "legged_gym"])
 def test_arrays_of_a_base_are_its_pose(order, preset, motion):
-    text = ARM.replace("<worldbody>", "<worldbody><body name='trunk'><freejoint/>"
-                       "<geom size='0.1'/>").replace("</worldbody>",
-                       "</body></worldbody>")  # fmt: skip
+    text = make_chain(JOINTS, SERVO, "<freejoint/><geom size='0.1'/>")
     time, ctrl, q, _ = motion
     half = 0.3 * np.sin(time)
     quaternion = {"w": np.cos(half), "x": np.sin(half), "y": 0 * half, "z": 0 * half}
@@ -218,7 +198,7 @@ def test_arrays_of_a_base_are_its_pose(order, preset, motion):
     assert lines.keys() == {"joint_position", COMMAND, "body_position",
                             "body_orientation"}  # fmt: skip
     for kind in ("body_position", "body_orientation"):
-        assert lines[kind].targets == ["trunk"]
+        assert lines[kind].targets == ["base"]
     found = lines["body_orientation"].order
     assert found == ("xyzw" if preset else order)  # Isaac Gym's
     assert any("base_lin_vel" in remark for remark in guess.remarks)

@@ -11,10 +11,8 @@ from selfheal.errors import ModelError
 from selfheal.mjcf.edit import Set, apply_edits
 from tests.support.mjcf_models import (
     CUBE,
-    compile_edited,
-    list_changed_fields,
     list_changed_lines,
-    load_model,
+    list_edited_fields,
     write_file,
 )
 
@@ -78,9 +76,7 @@ FILES = [
 @pytest.mark.parametrize("folder", ["", "out", "out/deep", "../beside"])
 def test_included_files_and_meshes_are_found_from_everywhere(scene, edits, folder):
     fields = {"geom_friction", "dof_frictionloss", "actuator_gear", "opt.density"}
-    changed = list_changed_fields(
-        load_model(scene), compile_edited(scene, edits, folder)
-    )
+    changed = list_edited_fields(scene, edits, folder)
     assert changed <= {*fields, "actuator_acc0"}
     assert len(changed & fields) == len(edits)
 
@@ -115,13 +111,9 @@ def test_a_mesh_beside_the_including_file_is_found_when_that_is_written_out(tmp_
         tmp_path / "m.xml", "<mujoco><include file='sub/robot.xml'/></mujoco>"
     )
     edit = Set("joint", "j", {"armature": "1"})
-    assert (
-        list_changed_fields(load_model(path), compile_edited(path, [], "out")) == set()
-    )
+    assert list_edited_fields(path, [], "out") == set()
     for folder in ("", "out"):
-        changed = list_changed_fields(
-            load_model(path), compile_edited(path, [edit], folder)
-        )
+        changed = list_edited_fields(path, [edit], folder)
         assert "dof_armature" in changed and "mesh_vert" not in changed
 
 
@@ -159,9 +151,7 @@ def test_every_way_to_name_assets_leads_to_them(case, folder, tmp_path):
   <worldbody><geom type="mesh" mesh="c"/></worldbody>
 </mujoco>""",
     )
-    assert (
-        list_changed_fields(load_model(path), compile_edited(path, [], folder)) == set()
-    )
+    assert list_edited_fields(path, [], folder) == set()
     new = apply_edits(path, [], tmp_path / folder)
     assert len(list_changed_lines(path.read_text(), new)) <= 2
     assert apply_edits(path, [], tmp_path) == path.read_text()
@@ -199,9 +189,7 @@ def test_an_attached_model_is_found_and_its_insides_have_no_text(tmp_path):
         "<mujoco><asset><model name='k' file='sub/child.xml'/></asset><worldbody>"
         "<frame><attach model='k' body='b' prefix='p_'/></frame></worldbody></mujoco>",
     )
-    assert (
-        list_changed_fields(load_model(path), compile_edited(path, [], "out")) == set()
-    )
+    assert list_edited_fields(path, [], "out") == set()
     with pytest.raises(ModelError, match="no joint 'p_j'.*<attach> makes"):
         apply_edits(path, [Set("joint", "p_j", {"damping": "1"})], tmp_path)
 
@@ -218,9 +206,7 @@ def test_what_an_included_file_attaches_is_found_from_another_folder(tmp_path):
         "<mujoco><include file='part.xml'/><worldbody><attach model='k' body='b' "
         "prefix='p_'/></worldbody></mujoco>",
     )
-    assert (
-        list_changed_fields(load_model(path), compile_edited(path, [], "out")) == set()
-    )
+    assert list_edited_fields(path, [], "out") == set()
 
 
 def test_missing_and_repeated_files_are_named(scene, tmp_path):

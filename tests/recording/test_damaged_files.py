@@ -12,132 +12,115 @@ from selfheal.errors import RecordingError
 from selfheal.files import MAX_VALUES
 from selfheal.recording import read
 
-
-def _no_time(root):
-    del root["episodes/alpha/time"]
-
-
-def _no_signals(root):
-    del root["episodes/alpha/signals"]
+ALPHA = "episodes/alpha"
+UP, VOLTAGE = f"{ALPHA}/signals/up", f"{ALPHA}/signals/voltage"
+ROWS = {"shape": (5,), "dtype": "f8"}
+ELSEWHERE = h5py.VirtualLayout((5,), "f8")
+ELSEWHERE[:] = h5py.VirtualSource("secret.h5", "time", (5,))
 
 
-def _no_names(root):
-    del root["episodes/alpha/ctrl"].attrs["names"]
-
-
-def _no_kind(root):
-    del root["episodes/alpha/signals/up"].attrs["kind"]
-
-
-def _without(name, value=None):
-    """A signal without an attribute, or with one that is no text."""
+def _set(name, value=None):
+    """A member that is something else, or, of None, that is missing."""
 
     def damage(root):
-        attrs = root["episodes/alpha/signals/up"].attrs
-        del attrs[name]
+        if name in root:
+            del root[name]
         if value is not None:
-            attrs[name] = value
+            root[name] = value
 
     return damage
 
 
-def _numbered(root):
-    root["episodes/alpha/ctrl"].attrs["names"] = [1, 2]
+def _tell(name, attribute, value=None):
+    """A member without an attribute, or with another one."""
+
+    def damage(root):
+        del root[name].attrs[attribute]
+        if value is not None:
+            root[name].attrs[attribute] = value
+
+    return damage
 
 
-def _together(root):
-    root["episodes/alpha/ctrl"].attrs["names"] = "servo,b"
+def _create(name, **how):
+    """A dataset that is stored in an odd way."""
 
+    def damage(root):
+        if name in root:
+            del root[name]
+        root.create_dataset(name, **how)
 
-def _other_version(root):
-    root.attrs["version"] = 2
-
-
-def _other_format(root):
-    root.attrs["format"] = "rosbag"
-
-
-def _typing_error(root):
-    root["episodes/alpha"].move("ctrl", "control")
-
-
-def _text_array(root):
-    del root["episodes/alpha/time"]
-    root["episodes/alpha/time"] = ["a", "b"]
-
-
-def _no_space(root):
-    del root["episodes/alpha/time"]
-    root["episodes/alpha/time"] = h5py.Empty("f8")
-
-
-def _soft_link(root):
-    root["episodes/alpha/signals/copy"] = h5py.SoftLink("/episodes/alpha/time")
-
-
-def _external_link(root):
-    root["episodes/beta"] = h5py.ExternalLink("secret.h5", "/")
-
-
-def _external_data(root):
-    signals = root["episodes/alpha/signals"]
-    del signals["voltage"]
-    raw = [("/etc/passwd", 0, 40)]
-    signals.create_dataset("voltage", (5,), "f8", external=raw)
+    return damage
 
 
 def _virtual_data(root):
-    signals = root["episodes/alpha/signals"]
-    del signals["voltage"]
-    layout = h5py.VirtualLayout((5,), "f8")
-    layout[:] = h5py.VirtualSource("secret.h5", "time", (5,))
-    signals.create_virtual_dataset("voltage", layout)
-
-
-def _huge(root):
-    signals = root["episodes/alpha/signals"]
-    signals.create_dataset("huge", (10**9,), "f8", chunks=(1000,))
-
-
-def _slash(root):
-    root["episodes/alpha/signals/imu/up"] = np.zeros(5)
-
-
-def _unstored(root):
-    del root["episodes/alpha/time"]
-    root["episodes/alpha"].create_dataset("time", (10**7,), "f8", chunks=(1000,))
-
-
-def _huge_chunk(root):
-    options = {"maxshape": (None,), "chunks": (MAX_VALUES,)}
-    root["episodes/alpha/signals"].create_dataset("huge", (5,), "f8", **options)
+    del root[VOLTAGE]
+    root.create_virtual_dataset(VOLTAGE, ELSEWHERE)
 
 
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        (_no_time, "episode 'alpha': time is missing; .* holds 'ctrl'"),
-        (_no_signals, "episode 'alpha': signals is missing"),
-        (_no_names, "episode 'alpha': ctrl lacks the attribute names"),
-        (_no_kind, "signal 'up': it lacks the attribute kind; .* 'joint_position', "),
-        (_without("unit"), "'up': it lacks the attribute unit; would fit: that of the"),
-        (_without("target"), "lacks the attribute target; would fit: the name of a s"),
-        (_without("kind", 5), "attribute kind is 5, no text; would fit: 'joint_posi"),
-        (_numbered, r"names of ctrl is \[1, 2\]; it must be texts"),
-        (_together, "columns and the names 'servo,b'; would fit"),
-        (_other_version, "version is .*2.*; this program reads 1"),
-        (_other_format, "format is 'rosbag'; would fit: 'selfheal-recording'"),
-        (_typing_error, "unknown member 'control'; would fit: time, ctrl"),
-        (_text_array, "time has type object; would fit: float64"),
-        (_no_space, "time is empty"),
-        (_soft_link, "signal 'copy': copy is a link to elsewhere"),
-        (_external_link, "episode 'beta': beta is a link to elsewhere"),
-        (_external_data, "signal 'voltage': voltage keeps its data elsewhere"),
+        (_set(f"{ALPHA}/time"), "episode 'alpha': time is missing; .* holds 'ctrl'"),
+        (_set(f"{ALPHA}/signals"), "episode 'alpha': signals is missing"),
+        (_tell(f"{ALPHA}/ctrl", "names"), "'alpha': ctrl lacks the attribute names"),
+        (_tell(UP, "kind"), "signal 'up': it lacks the attribute kind; .* 'joint_po"),
+        (
+            _tell(UP, "unit"),
+            "'up': it lacks the attribute unit; would fit: that of the",
+        ),
+        (_tell(UP, "target"), "lacks the attribute target; would fit: the name of a s"),
+        (_tell(UP, "kind", 5), "attribute kind is 5, no text; would fit: 'joint_posi"),
+        (
+            _tell(f"{ALPHA}/ctrl", "names", [1, 2]),
+            r"names of ctrl is \[1, 2\]; it must be texts",
+        ),
+        (
+            _tell(f"{ALPHA}/ctrl", "names", "servo,b"),
+            "columns and the names 'servo,b'; would fit",
+        ),
+        (_tell("/", "version", 2), "version is .*2.*; this program reads 1"),
+        (
+            _tell("/", "format", "rosbag"),
+            "format is 'rosbag'; would fit: 'selfheal-recording'",
+        ),
+        (
+            lambda root: root[ALPHA].move("ctrl", "control"),
+            "unknown member 'control'; would fit: time, ctrl",
+        ),
+        (_set(f"{ALPHA}/time", ["a", "b"]), "time has type object; would fit: float64"),
+        (_set(f"{ALPHA}/time", h5py.Empty("f8")), "time is empty"),
+        (
+            _set(f"{ALPHA}/signals/copy", h5py.SoftLink(f"/{ALPHA}/time")),
+            "signal 'copy': copy is a link to elsewhere",
+        ),
+        (
+            _set("episodes/beta", h5py.ExternalLink("secret.h5", "/")),
+            "episode 'beta': beta is a link to elsewhere",
+        ),
+        (
+            _create(VOLTAGE, **ROWS, external=[("/etc/passwd", 0, 40)]),
+            "signal 'voltage': voltage keeps its data elsewhere",
+        ),
         (_virtual_data, "signal 'voltage': voltage keeps its data elsewhere"),
-        (_slash, "'imu': imu must be .* a slash .*; would fit: 'imu_up' for 'imu/up'"),
-        (_unstored, "time states 10000000 values and stores hardly any"),
-        (_huge, "it holds 10.* values; at most 2"),
-        (_huge_chunk, "it holds 2.* values; at most 2"),
+        (
+            _set(f"{ALPHA}/signals/imu/up", np.zeros(5)),
+            "'imu': imu must be .* a slash .*; would fit: 'imu_up' for 'imu/up'",
+        ),
+        (
+            _create(f"{ALPHA}/time", shape=(10**7,), dtype="f8", chunks=(1000,)),
+            "time states 10000000 values and stores hardly any",
+        ),
+        (
+            _create(f"{ALPHA}/signals/huge", shape=10**9, dtype="f8", chunks=(1000,)),
+            "it holds 10.* values; at most 2",
+        ),
+        (
+            _create(
+                f"{ALPHA}/signals/huge", **ROWS, maxshape=(None,), chunks=MAX_VALUES
+            ),
+            "it holds 2.* values; at most 2",
+        ),
     ],
 )
 def test_a_bad_file_is_refused(file, damage, said):

@@ -1,9 +1,12 @@
 """The page builder: all but markup is escaped, files are whole."""
 
 import html
+import re
 
+import numpy as np
 import pytest
 
+from selfheal.report.identify import make_identify_page
 from selfheal.report.page import (
     Html,
     Section,
@@ -13,8 +16,19 @@ from selfheal.report.page import (
     write_page,
 )
 from selfheal.report.picture import embed_figure, make_canvas, use_page_style
-from tests.support.browser import HOSTILE, list_console_lines
+from tests.support.browser import (
+    HOSTILE,
+    list_addresses,
+    list_console_lines,
+    measure_pictures,
+)
 from tests.support.hostile.names import HALVES, NAMES, find_raw
+from tests.support.made_up_diagnosis import (
+    make_diagnosis,
+    make_hostile_diagnosis,
+    write_page_text,
+)
+from tests.support.made_up_run import make_hostile_run, make_run
 
 
 def test_everything_but_markup_is_escaped():
@@ -46,6 +60,45 @@ def test_a_page_is_written_whole(tmp_path):
     write_page("\u811a", tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == "\u811a"
     assert len(list(tmp_path.iterdir())) == 1
+
+
+PAGES = {  # what writes it, and its pictures
+    "diagnosis": (lambda: write_page_text(make_diagnosis()), 2),
+    "hostile diagnosis": (lambda: write_page_text(make_hostile_diagnosis()), 2),
+    "run": (lambda: make_identify_page(make_run()), 5),
+    "hostile run": (lambda: make_identify_page(make_hostile_run(truth=False)), 5),
+}
+
+
+@pytest.mark.parametrize("name", ["diagnosis", "run"])
+def test_a_page_asks_for_nothing_from_anywhere(name):
+    made = PAGES[name][0]()
+    assert list_addresses(made) == []
+    assert "@import" not in made and "<script" not in made
+    names = re.sub(r'xmlns(:\w+)?="[^"]*"', "", made)
+    assert not re.search("https?:", names)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAGES)
+def test_a_browser_finds_no_error_and_every_picture_drawn(name, browse, tmp_path):
+    from matplotlib.image import imread
+
+    make, pictures = PAGES[name]
+    made = make()
+    path, shot = tmp_path / "report.html", tmp_path / "shot.png"
+    write_page(made, path)
+    _, log = browse(path, f"--screenshot={shot}")
+    assert list_console_lines(log) == []
+    boxes = measure_pictures(made, browse, tmp_path)
+    assert len(boxes) == made.count("<svg") == pictures
+    pixels = imread(shot)[..., :3]
+    for x, y, wide, high in boxes:
+        assert wide > 900 and high > 80
+        seen = pixels[y : y + high, x : x + wide]
+        assert seen.shape[:2] == (high, wide)
+        drawn = (np.abs(seen - seen[0, 0]).max(axis=2) > 0.1).mean()
+        assert 0.005 < drawn < 0.9
 
 
 @pytest.mark.slow

@@ -55,6 +55,14 @@ def _describe(tmp_path, *changes, name="arm.toml"):
     return str(write_file(tmp_path / name, text))
 
 
+def _drive(tmp_path, code):
+    """The file of an arm for which a class of this code answers, if there is one."""
+    if code is not None:
+        write_file(tmp_path / "arm_driver.py", code)
+    return _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
+                     name="real.toml")  # fmt: skip
+
+
 def test_what_a_file_says_is_what_the_robot_knows(tmp_path):
     robot = open_robot(_describe(tmp_path), seed=3)
     known = robot.anatomy
@@ -120,10 +128,7 @@ class Arm:
 
 def test_a_python_class_and_a_recording_answer_as_the_robot_does(tmp_path):
     hidden = open_robot(_describe(tmp_path), seed=5)
-    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
-                     name="real.toml")  # fmt: skip
-    code = DRIVER.format(path=str(tmp_path / "arm.toml"), skip="")
-    write_file(tmp_path / "arm_driver.py", code)
+    path = _drive(tmp_path, DRIVER.format(path=str(tmp_path / "arm.toml"), skip=""))
     real = open_robot(path)
     runs = [r for k in range(6) for r in hidden.act(k).episodes.items()]
     write(Recording(dict(runs), "arm", "test"), tmp_path / "runs.h5")
@@ -137,21 +142,17 @@ def test_a_python_class_and_a_recording_answer_as_the_robot_does(tmp_path):
 
 
 def test_a_class_that_does_not_fit_is_refused(tmp_path):
-    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
-                     name="real.toml")  # fmt: skip
-    with pytest.raises(InputError, match="arm_driver.py"):
-        open_robot(path)
-    write_file(tmp_path / "arm_driver.py", "class Arm:\n    def move(self, t): ...\n")
-    with pytest.raises(InputError, match=r"class Arm has no method read\(\)"):
-        open_robot(path)
-    _describe(tmp_path)
-    code = DRIVER.format(path=str(tmp_path / "arm.toml"), skip="hand_tip")
-    write_file(tmp_path / "arm_driver.py", code)
-    with pytest.raises(InputError, match="gave no 'hand_tip', for the sensor position"):
-        open_robot(path).act(0)
-    write_file(tmp_path / "arm_driver.py", "1 / 0")
-    with pytest.raises(InputError, match="cannot be made: ZeroDivisionError"):
-        open_robot(path)
+    hidden = _describe(tmp_path)
+    for code, said in (
+        (None, "arm_driver.py"),
+        ("class Arm:\n    def move(self, t): ...\n", r"Arm has no method read\(\)"),
+        (DRIVER.format(path=hidden, skip="hand_tip"),
+         "gave no 'hand_tip', for the sensor position"),
+        ("1 / 0", "cannot be made: ZeroDivisionError"),
+    ):  # fmt: skip
+        path = _drive(tmp_path, code)
+        with pytest.raises(InputError, match=said):
+            open_robot(path).act(0)
 
 
 FOLLOWS = """
@@ -165,12 +166,8 @@ class Arm:
 
 
 def test_a_class_that_follows_commands_gives_a_recording_of_all_of_them(tmp_path):
-    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
-                     name="real.toml")  # fmt: skip
-    write_file(
-        tmp_path / "arm_driver.py", FOLLOWS.format(more='"hand_position": [1, 2]')
-    )
-    robot = open_robot(path)
+    code = FOLLOWS.format(more='"hand_position": [1, 2]')
+    robot = open_robot(_drive(tmp_path, code))
     commands = np.arange(5 * robot.anatomy.size).reshape(5, -1) / 100
     (episode,) = require_mover(robot).move(commands).episodes.values()
     np.testing.assert_allclose(episode.time, PERIOD * np.array([0, 1, 2, 3, 3.5, 4]))
@@ -190,10 +187,7 @@ def test_a_class_that_follows_commands_gives_a_recording_of_all_of_them(tmp_path
     ],
 )
 def test_a_class_that_follows_and_says_nothing_of_use_is_refused(more, said, tmp_path):
-    path = _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
-                     name="real.toml")  # fmt: skip
-    write_file(tmp_path / "arm_driver.py", FOLLOWS.format(more=more))
-    robot = open_robot(path)
+    robot = open_robot(_drive(tmp_path, FOLLOWS.format(more=more)))
     with pytest.raises(InputError, match=said):
         require_mover(robot).move(np.zeros((5, robot.anatomy.size)))
 

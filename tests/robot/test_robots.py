@@ -39,13 +39,24 @@ def _played() -> Recording:
     return Recording(episodes, "toy", file="toy.h5")
 
 
-def _without(recording: Recording, signal: str) -> Recording:
-    """The recording, its last episode without a signal."""
-    *_, key = recording.episodes
-    episode = recording.episodes[key]
-    signals = {k: v for k, v in episode.signals.items() if k != signal}
-    changed = replace(episode, signals=signals)
-    return replace(recording, episodes={**recording.episodes, key: changed})
+def _change(recording: Recording, key: str, **changes) -> Recording:
+    """The recording with fields of an episode changed."""
+    episode = replace(recording.episodes[key], **changes)
+    return replace(recording, episodes={**recording.episodes, key: episode})
+
+
+def _read_vertical(values) -> dict:
+    """Signals of the toy whose vertical has these values, or is not there."""
+    signals = dict(Toy().act(0).episodes["only"].signals)
+    vertical = signals.pop("vertical")
+    if values is not None:
+        signals["vertical"] = replace(vertical, values=values)
+    return {"signals": signals}
+
+
+def _replay(recording: Recording):
+    toy = Toy()
+    return replay("toy", recording, toy.anatomy, toy.truth)
 
 
 def _equal(one: Recording, other: Recording) -> bool:
@@ -68,9 +79,9 @@ def test_the_actions_of_2006_lower_one_or_two_joints():
 
 
 def test_a_replay_offers_each_action_once_and_answers_with_its_episode():
-    recording, toy = _played(), Toy()
-    robot = replay("toy", recording, toy.anatomy, toy.truth)
-    np.testing.assert_allclose(robot.actions, toy.actions)
+    recording = _played()
+    robot = _replay(recording)
+    np.testing.assert_allclose(robot.actions, Toy().actions)
     for action in range(len(robot.actions)):
         (name,) = robot.act(action).episodes
         assert name == f"take_{action}"
@@ -83,56 +94,38 @@ def test_a_replay_reads_servos_by_name():
         key: replace(e, ctrl=e.ctrl[:, ::-1], ctrl_names=e.ctrl_names[::-1])
         for key, e in recording.episodes.items()
     }
-    robot = replay(
-        "toy", replace(recording, episodes=flipped), Toy().anatomy, Toy().truth
-    )
+    robot = _replay(replace(recording, episodes=flipped))
     np.testing.assert_allclose(robot.actions, Toy().actions)
 
 
-def test_a_recording_without_a_servo_is_refused():
-    recording = _played()
-    episode = recording.episodes["take_4"]
-    less = replace(episode, ctrl=episode.ctrl[:, 1:], ctrl_names=episode.ctrl_names[1:])
-    bad = replace(recording, episodes={**recording.episodes, "take_4": less})
-    with pytest.raises(RecordingError, match=r"toy\.h5.*'take_4'.*lacks joint_0_servo"):
-        replay("toy", bad, Toy().anatomy, Toy().truth)
+TARGET = Toy().actions[[4]]
+SERVOS = tuple(f"joint_{k}_servo" for k in range(4))
 
 
-def test_a_recording_with_two_columns_for_a_servo_is_refused():
-    recording = _played()
-    episode = recording.episodes["take_4"]
-    more = np.concatenate([episode.ctrl, episode.ctrl[:, :1]], axis=1)
-    twice = replace(
-        episode, ctrl=more, ctrl_names=(*episode.ctrl_names, "joint_0_servo")
-    )
-    bad = replace(recording, episodes={**recording.episodes, "take_4": twice})
-    with pytest.raises(RecordingError, match="'take_4'.*several columns for joint_0_"):
-        replay("toy", bad, Toy().anatomy, Toy().truth)
-
-
-def test_a_recording_without_vertical_is_refused():
-    bad = _without(_played(), "vertical")
-    with pytest.raises(RecordingError, match="'take_10'.*no reading of 'vertical'"):
-        replay("toy", bad, Toy().anatomy, Toy().truth)
-
-
-@pytest.mark.parametrize("values", [np.full((1, 3), np.nan), np.ones((1, 2))])
-def test_a_recording_whose_vertical_says_nothing_is_refused(values):
-    recording = _played()
-    episode = recording.episodes["take_2"]
-    vertical = replace(episode.signals["vertical"], values=values)
-    silent = replace(episode, signals={**episode.signals, "vertical": vertical})
-    bad = replace(recording, episodes={**recording.episodes, "take_2": silent})
-    with pytest.raises(RecordingError, match="'take_2': no reading of 'vertical'"):
-        replay("toy", bad, Toy().anatomy, Toy().truth)
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"ctrl": TARGET[:, 1:], "ctrl_names": SERVOS[1:]}, "lacks joint_0_servo"),
+        (
+            {"ctrl": TARGET[:, [0, 1, 2, 3, 0]], "ctrl_names": (*SERVOS, SERVOS[0])},
+            "several columns for joint_0_",
+        ),
+        (_read_vertical(None), "no reading of 'vertical'"),
+        (_read_vertical(np.full((1, 3), np.nan)), "no reading of 'vertical'"),
+        (_read_vertical(np.ones((1, 2))), "no reading of 'vertical'"),
+    ],
+)
+def test_a_recording_that_tells_too_little_is_refused(changes, said):
+    bad = _change(_played(), "take_4", **changes)
+    with pytest.raises(RecordingError, match=rf"toy\.h5.*'take_4'.*{said}"):
+        _replay(bad)
 
 
 def test_a_replay_does_without_clearance():
-    assert len(
-        replay(
-            "toy", _without(_played(), "clearance"), Toy().anatomy, Toy().truth
-        ).actions
-    )
+    recording = _played()
+    signals = recording.episodes["take_10"].signals
+    bare = {"vertical": signals["vertical"]}
+    assert len(_replay(_change(recording, "take_10", signals=bare)).actions)
 
 
 @pytest.mark.parametrize("name", ["starfish", "tree:3"])
@@ -218,73 +211,68 @@ def test_the_robot_of_2006_offers_its_36_actions(shared_recordings):
         assert episode.ctrl[-1] == pytest.approx(robot.actions[action])
 
 
-def _moved(robot, seconds=2.0, **how):
+@pytest.fixture(scope="module")
+def starfish():
+    return require_walker(open_robot("starfish", seed=3))
+
+
+def _moved(robot, damage="", onset=0.0, **how):
+    """What a robot reads in 2 s of a move, whole or struck at some time [s]."""
+    if damage:
+        robot = robot.struck(parse_damages(damage, robot.anatomy), onset)
     rng = np.random.default_rng(1)
     commands = find_pattern("waves").compute_commands(
-        0.3 * rng.normal(size=(1, 25)), 8, seconds
+        0.3 * rng.normal(size=(1, 25)), 8, 2.0
     )[0]
     return robot.move(commands, **how)
 
 
-def test_a_move_is_a_sound_recording_and_the_same_again():
-    robot = require_walker(open_robot("starfish", seed=3))
-    first, again, other = _moved(robot), _moved(robot), _moved(robot, trial=1)
+def _read(*moved):
+    """Values of the signals of a move, by their names."""
+    signals = _moved(*moved).episodes["move"].signals
+    return {name: signal.values for name, signal in signals.items()}
+
+
+def test_a_move_is_a_sound_recording_and_the_same_again(starfish):
+    first, again, other = (
+        _moved(starfish),
+        _moved(starfish),
+        _moved(starfish, trial=1),
+    )
     validate(first)
-    signals = [r.episodes["move"].signals for r in (first, again, other)]
-    for name, signal in signals[0].items():
-        assert np.array_equal(signal.values, signals[1][name].values)
-    assert not np.array_equal(
-        signals[0]["vertical"].values, signals[2]["vertical"].values
-    )
-    assert set(list_sensors(robot.anatomy)) < set(signals[0])
+    assert _equal(first, again) and not _equal(first, other)
+    assert set(list_sensors(starfish.anatomy)) < set(first.episodes["move"].signals)
 
 
-def test_a_robot_breaks_in_the_middle_of_a_move():
-    robot = require_walker(open_robot("starfish", seed=3))
-    dead = robot.struck(parse_damages("dead:clearance", robot.anatomy), 1.0)
-    whole, broken = (
-        _moved(r).episodes["move"].signals["clearance"].values for r in (robot, dead)
-    )
-    assert broken[:20] == pytest.approx(whole[:20], abs=0.004)  # other noise
-    assert np.all(broken[20:] == 0) and np.any(whole[20:] != 0)
+def test_a_robot_breaks_in_the_middle_of_a_move(starfish):
+    damages = "", "dead:clearance", "left_lower:0.3"
+    whole, dead, short = (_read(starfish, damage, 1.0) for damage in damages)
+    one, other = whole["clearance"], dead["clearance"]
+    assert other[:20] == pytest.approx(one[:20], abs=0.004)  # other noise
+    assert np.all(other[20:] == 0) and np.any(one[20:] != 0)
+    one, other = whole["torso_orientation"], short["torso_orientation"]
+    assert other[:20] == pytest.approx(one[:20], abs=1e-9)
+    assert np.abs(other[-1] - one[-1]).max() > 1e-4
 
 
 @pytest.mark.parametrize("sensor", ["vertical", "clearance", "left_hip_position"])
-def test_a_sensor_that_lies_reads_a_share_of_what_is_true(sensor):
-    robot = require_walker(open_robot("starfish", seed=3))
-    lying = robot.struck(parse_damages(f"lie:{sensor}:0.3", robot.anatomy))
-    true, read = (
-        _moved(r).episodes["move"].signals[sensor].values for r in (robot, lying)
-    )
-    assert read == pytest.approx(0.3 * true, abs=1e-12)
+def test_a_sensor_that_lies_reads_a_share_of_what_is_true(starfish, sensor):
+    true, lie = (_read(starfish, said) for said in ("", f"lie:{sensor}:0.3"))
+    assert lie[sensor] == pytest.approx(0.3 * true[sensor], abs=1e-12)
 
 
-def test_damages_add_up_in_whatever_order_a_robot_is_struck():
-    robot = require_walker(open_robot("starfish", seed=3))
+def test_damages_add_up_in_whatever_order_a_robot_is_struck(starfish):
     short, dead = (
-        parse_damages(said, robot.anatomy)
+        parse_damages(said, starfish.anatomy)
         for said in ("left_lower:0.3", "dead:clearance")
     )
     struck = (
-        robot.struck(dead, 1.0).struck(short),
-        robot.struck(short).struck(dead, 1.0),
+        starfish.struck(dead, 1.0).struck(short),
+        starfish.struck(short).struck(dead, 1.0),
     )
-    signals = [_moved(r).episodes["move"].signals for r in struck]
-    for name, signal in signals[0].items():
-        assert np.array_equal(signal.values, signals[1][name].values)
-    assert np.any(signals[0]["clearance"].values[:20] > 0)
-    assert np.all(signals[0]["clearance"].values[20:] == 0)
-    whole = _moved(robot).episodes["move"].signals["torso_orientation"].values
-    turned = signals[0]["torso_orientation"].values - whole
+    assert _equal(*map(_moved, struck))
+    found = _read(struck[0])
+    assert np.any(found["clearance"][:20] > 0)
+    assert np.all(found["clearance"][20:] == 0)
+    turned = found["torso_orientation"] - _read(starfish)["torso_orientation"]
     assert np.abs(turned[:20]).max() > 1e-4
-
-
-def test_a_shorter_leg_moves_otherwise_only_after_it_broke():
-    robot = require_walker(open_robot("starfish", seed=3))
-    short = robot.struck(parse_damages("left_lower:0.3", robot.anatomy), 1.0)
-    whole, broken = (
-        _moved(r).episodes["move"].signals["torso_orientation"].values
-        for r in (robot, short)
-    )
-    assert broken[:20] == pytest.approx(whole[:20], abs=1e-9)
-    assert np.abs(broken[-1] - whole[-1]).max() > 1e-4

@@ -38,6 +38,13 @@ def read_words(markup: str) -> str:
     return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", bare)).split())
 
 
+def list_addresses(markup: str) -> list[str]:
+    """What a page would ask somebody for."""
+    found = re.findall(r'\b(?:src|href|action|data|poster)="([^"]*)"', markup)
+    found += re.findall(r"url\(([^)]*)\)", markup)
+    return [a for a in found if not a.startswith(("#", "data:"))]
+
+
 def list_console_lines(log: str) -> list[str]:
     """What the page wrote to the browser's console."""
     return [line for line in log.splitlines() if "CONSOLE" in line]

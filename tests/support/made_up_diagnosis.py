@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from selfheal.diagnosis.output.result import (
 from selfheal.report import diagnose
 from selfheal.report.diagnose import make_diagnosis_page
 from tests.support.browser import HOSTILE, draw_nothing, read_words
+from tests.support.hostile import names
 
 NAN = float("nan")
 ODD = "\ud800\x07\u202e\x9b31m\x1b]0;\u2028"  # what cannot be seen
@@ -150,16 +152,9 @@ def make_diagnosis(
 
 def make_hostile_diagnosis() -> Diagnosis:
     """A diagnosis in which every text tries to break out of the page."""
-
-    def spoil(value):
-        if isinstance(value, dict):
-            return {key: spoil(each) for key, each in value.items()}
-        if isinstance(value, list):
-            return [spoil(each) for each in value]
-        return f"{value}{HOSTILE}{ODD}" if isinstance(value, str) else value
-
+    spoil = partial(names.spoil, end=f"{HOSTILE}{ODD}")
     given = make_diagnosis(findings=(FINDING, DELAY))
-    names = tuple(map(spoil, given.located.signals))
+    signals = tuple(map(spoil, given.located.signals))
     return replace(
         given,
         document={**spoil(given.document), "verdict": "explained"},
@@ -168,7 +163,7 @@ def make_hostile_diagnosis() -> Diagnosis:
             replace(t, episode=HOSTILE, signal=HOSTILE, unit="$\\frac{x$")
             for t in given.traces
         ),
-        located=replace(given.located, signals=names, regimes=(HOSTILE,) * 6),
+        located=replace(given.located, signals=signals, regimes=(HOSTILE,) * 6),
         signals=tuple(replace(s, name=spoil(s.name)) for s in given.signals),
         candidates=tuple(
             replace(c, effect=HOSTILE, target=HOSTILE) for c in given.candidates

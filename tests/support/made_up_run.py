@@ -7,6 +7,7 @@ import numpy as np
 from selfheal.body.body import Anatomy
 from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.selfmodel.run import Cycle, Run, Settings
+from tests.support.browser import HOSTILE
 from tests.support.stick_robot import anatomy
 
 
@@ -67,3 +68,15 @@ def make_run(
 def change_last_cycle(run: Run, **changes: object) -> Run:
     """The run with another last cycle."""
     return replace(run, cycles=(*run.cycles[:-1], replace(run.cycles[-1], **changes)))
+
+
+def make_hostile_run(**how: object) -> Run:
+    """A run with names that try to break out of the page."""
+    run = make_run(**how)
+    names = [HOSTILE, "$\\frac{x$ --> \n\x07\u811a\ud800", *"abcdefghijklmnop"]
+    names = tuple(names[: run.anatomy.size])
+    anatomy = replace(run.anatomy, name=HOSTILE, parts=names, joints=names)
+    settings = replace(run.settings, robot=HOSTILE, recordings=HOSTILE)
+    cycles = tuple(replace(c, why=HOSTILE) for c in run.cycles)
+    truth = None if run.truth is None else replace(run.truth, anatomy=anatomy)
+    return replace(run, anatomy=anatomy, settings=settings, cycles=cycles, truth=truth)

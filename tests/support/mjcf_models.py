@@ -74,6 +74,11 @@ def list_changed_fields(one: mujoco.MjModel, other: mujoco.MjModel) -> set[str]:
     return names - {"paths", "signature"}
 
 
+def list_edited_fields(path: Path, edits=(), folder: str = "") -> set[str]:
+    """The fields that differ once edits are written into a folder beside the model."""
+    return list_changed_fields(load_model(path), compile_edited(path, edits, folder))
+
+
 def list_changed_lines(given: str, new: str) -> list[str]:
     """The lines that a diff removes and adds."""
     diff = unified_diff(given, new, "model.xml").splitlines()

@@ -12,7 +12,6 @@ from selfheal.diagnosis.effects.declaration import Parameter
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
 from selfheal.diagnosis.effects.places import Place
 from selfheal.diagnosis.effects.protocols import JointForce
-from selfheal.diagnosis.estimation.fit import Fit
 from selfheal.diagnosis.estimation.multiple_shooting import build_initial_state_offsets
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.selection.hypotheses import NamedEffect
@@ -130,43 +129,6 @@ def make_pose_problem(bench: Bench, count: int) -> Problem:
     )  # fmt: skip
     segments.readings[:, :2] = 0.0
     return Problem(bench.simulator, segments, np.ones(width))
-
-
-@dataclass(frozen=True, eq=False)
-class LinearProblem(Problem):
-    """A problem whose residuals are y + jac x; its segments are a simulator's.
-
-    Attributes:
-        y: (R) residuals at zero.
-        jac: (R, P) their derivatives by the values x.
-    """
-
-    y: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    jac: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
-
-    def select(self, chosen):
-        rows = np.isin(self.segment_of_residual, chosen)
-        return replace(super().select(chosen), y=self.y[rows], jac=self.jac[rows])
-
-    def compute_residuals(self, terms, values, **more):
-        return self.y + values @ self.jac[:, : values.shape[1]].T
-
-
-def make_linear_problem(
-    bench: Bench, rng: np.random.Generator, count: int = 3
-) -> tuple[LinearProblem, Fit, np.ndarray]:
-    """A random linear problem, its least-squares fit, and its residuals (R) at zero."""
-    problem = make_problem(bench)
-    size = problem.segments.readings.size
-    jac = rng.normal(size=(size, count))
-    y = jac @ rng.normal(size=count) + rng.normal(size=size)
-    values = -np.linalg.lstsq(jac, y, rcond=None)[0]
-    free = Parameter("x", "1", 0.0, -1e9, 1e9, 1.0)
-    terms = tuple(Term(Effect(), ("world",), ({},), (free,), ()) for _ in range(count))
-    linear = LinearProblem(
-        problem.simulator, problem.segments, problem.sigma, y=y, jac=jac
-    )
-    return linear, Fit(linear, terms, values, y + jac @ values, jac), y
 
 
 def name_effect(term: Term) -> NamedEffect:

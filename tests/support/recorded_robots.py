@@ -111,7 +111,7 @@ WRIST = """<mujoco><option timestep="0.002"/><worldbody>
     <body name="palm" euler="20 0 10"><joint name="wrist" type="ball" damping="0.02"
       stiffness="0.5"/><geom type="box" size="0.05 0.02 0.03" pos="0.01 0 -0.1"/></body>
   </body></worldbody></mujoco>"""
-RAD, NO_COMMAND = ("joint_position", "rad"), (lambda t, rng: np.zeros((t.size, 0)))
+NO_COMMAND = lambda t, rng: np.zeros((t.size, 0))  # noqa: E731
 
 
 @dataclass(frozen=True)

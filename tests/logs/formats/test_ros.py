@@ -12,13 +12,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from selfheal.errors import InputError
 from selfheal.logs.open_log import open_log
-from tests.support.logs.reading import (
-    FIELD,
-    check_rows,
-    needs_field,
-    read_all,
-    read_damaged,
-)
+from tests.support.logs.reading import check_rows, read_all, read_damaged
 
 START = 1_700_000_000_000_000_000  # [ns]
 STEP = 10_000_000  # [ns]
@@ -323,19 +317,6 @@ def test_a_damaged_bag_is_read_or_refused(tmp_path, store, plugin):
 def test_an_empty_bag_has_no_rows(tmp_path, store):
     path = _write(tmp_path / "bag", store, [])
     assert read_all(open_log(path)) == {}
-
-
-@needs_field
-@pytest.mark.parametrize(
-    ("name", "joint", "rows"),
-    [("panda", "fer_joint7", 727), ("ur10", "wrist_3_joint", 3441)],
-)
-def test_public_bags_are_read(name, joint, rows):
-    log = open_log(FIELD / "ros2_bags" / f"{name}_exciting_trajectory.db3")
-    assert log.streams[0].rows == rows
-    found = read_all(log)["/joint_states"]
-    assert np.isfinite(found[f"position[{joint}]"]).all()
-    assert (np.diff(found[log.streams[0].time]) > 0).all()
 
 
 def test_elements_have_the_first_names_of_a_message(tmp_path):

@@ -9,9 +9,7 @@ import pytest
 from selfheal.errors import InputError
 from selfheal.logs.open_log import open_log
 from tests.support.logs.reading import (
-    FIELD,
     check_rows,
-    needs_field,
     read_all,
     read_damaged,
     read_one,
@@ -112,15 +110,3 @@ def test_other_files_of_that_suffix_are_refused(tmp_path):
     path.write_bytes(pickle.dumps({"a": 1}, protocol=2))
     with pytest.raises(InputError, match="PyTorch"):
         open_log(path)
-
-
-@needs_field
-def test_a_public_archive_of_pace_is_read():
-    log = open_log(FIELD / "go2_air" / "traj_0.pt")
-    check_rows(log)
-    assert (log.streams[0].rows, log.streams[0].time) == (4698, "time")
-    found = read_all(log)[""]
-    assert len(found) == 1 + 12 + 12
-    assert np.diff(found["time"]).mean() == pytest.approx(1 / 200, rel=1e-2)
-    error = found["dof_pos[4]"] - found["des_dof_pos[4]"]
-    assert 0.001 < np.sqrt(np.mean(error**2)) < 0.3

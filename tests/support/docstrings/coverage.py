@@ -1,6 +1,4 @@
-"""Coverage of docstrings, as a table of rooms: source files in, shares and gaps out.
-
-Run by hand: `python -m tests.support.docstrings.coverage [--room ROOM]... [--gaps]`.
+"""Coverage of docstrings: source files in, shares and gaps out.
 
 What is looked at are the public modules, classes, functions and methods of a room; what
 begins with an underscore and functions within functions are not. Eight rules hold:
@@ -23,7 +21,6 @@ The description of an argument is its entry in `Args:`, or else the whole docstr
 That of a return is `Returns:` or `Yields:`, and the text before the first section.
 """
 
-import argparse
 import ast
 import builtins
 import re
@@ -304,43 +301,9 @@ def _read_house() -> tuple[set[str], set[str], dict[str, ast.ClassDef]]:
     return find_aliases(files), find_names(files), find_classes(files)
 
 
-def measure_rooms(names: Sequence[str]) -> dict[str, Coverage]:
-    """The coverage of each of some rooms."""
-    rooms = list_rooms()
-    found = {}
-    for name in names:
-        reader = RoomReader(*_read_house())
-        for path in rooms[name]:
-            reader.read_file(path)
-        found[name] = reader.coverage
-    return found
-
-
-def format_table(found: dict[str, Coverage]) -> str:
-    """A row a room: of each rule the share that is met, and how many it asks of."""
-    width = max(map(len, found))
-    lines = [" ".join([" " * width, *(f"{rule:>14}" for rule in RULES)])]
-    for name, room in found.items():
-        cells = [f"{100 * room.share(r):7.1f} %{room.seen[r]:5}" for r in RULES]
-        lines.append(" ".join([f"{name:{width}}", *cells]))
-    return "\n".join(lines)
-
-
-def main() -> None:
-    """Print the table, and what is missing if that is asked for."""
-    rooms = list_rooms()
-    parser = argparse.ArgumentParser(description="Coverage of docstrings by room.")
-    parser.add_argument("--room", action="append", choices=sorted(rooms))
-    parser.add_argument("--gaps", action="store_true", help="list what is missing")
-    options = parser.parse_args()
-    found = measure_rooms(options.room or sorted(rooms))
-    print(format_table(found))
-    if options.gaps:
-        for room in found.values():
-            for rule in RULES:
-                for gap in room.gaps[rule]:
-                    print(f"{rule}: {gap}")
-
-
-if __name__ == "__main__":
-    main()
+def measure_room(name: str) -> Coverage:
+    """The coverage of a room."""
+    reader = RoomReader(*_read_house())
+    for path in list_rooms()[name]:
+        reader.read_file(path)
+    return reader.coverage

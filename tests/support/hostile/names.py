@@ -16,6 +16,7 @@ NAMES = {
     "words": "a long one " * 500,
 }
 HALVES = "\ud800 caf\udce9"
+ALL = "".join([*NAMES.values(), HALVES])
 
 
 def find_raw(text: str, keep: str = "\n") -> set[str]:
@@ -24,11 +25,10 @@ def find_raw(text: str, keep: str = "\n") -> set[str]:
     return {c for c in text if category(c) in hidden} - {*keep}
 
 
-def spoil(value):
-    """A document whose texts hold something hostile each; keys stay."""
+def spoil(value, end=ALL):
+    """A document whose texts end with something hostile each; keys stay."""
     if isinstance(value, dict):
-        return {key: spoil(each) for key, each in value.items()}
+        return {key: spoil(each, end) for key, each in value.items()}
     if isinstance(value, list | tuple):
-        return [spoil(each) for each in value]
-    ends = [value, *NAMES.values(), HALVES]
-    return "".join(ends) if isinstance(value, str) else value
+        return [spoil(each, end) for each in value]
+    return value + end if isinstance(value, str) else value

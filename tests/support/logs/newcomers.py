@@ -120,16 +120,21 @@ def write_lerobot3(
     parquet.write_table(table, path / "data" / "chunk-000" / "file-000.parquet")
 
 
-def write_legged_gym(path: Path, runs: list[Run], joints: list[str]) -> None:
-    """Buffers of all steps, as a deployment of legged_gym saves them."""
+def _join_buffers(runs: list[Run]) -> dict[str, np.ndarray]:
+    """Arrays of all steps of runs that follow each other after 5 s."""
     starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
     buffers = {
         "time": [s + r.time for s, r in zip(starts, runs, strict=True)],
         "dof_pos": [r.position for r in runs], "dof_vel": [r.velocity for r in runs],
         "dof_pos_target": [r.goal for r in runs],
     }  # fmt: skip
-    document = {k: Tensor(np.concatenate(v).astype("f4")) for k, v in buffers.items()}
-    save_archive(path, document)
+    return {name: np.concatenate(parts) for name, parts in buffers.items()}
+
+
+def write_legged_gym(path: Path, runs: list[Run], joints: list[str]) -> None:
+    """Buffers of all steps, as a deployment of legged_gym saves them."""
+    buffers = _join_buffers(runs).items()
+    save_archive(path, {name: Tensor(b.astype("f4")) for name, b in buffers})
 
 
 def write_servo_json(path: Path, runs: list[Run], joints: list[str]) -> None:
@@ -161,14 +166,6 @@ def write_matlab(path: Path, runs: list[Run], joints: list[str]) -> None:
 
 def write_standing(path: Path, runs: list[StandingRun], joints: list[str]) -> None:
     """Buffers of a quadruped and its base, whose quaternions end with w."""
-    starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
     base = np.concatenate([run.base for run in runs])
-    np.savez(
-        path,
-        time=np.concatenate([s + r.time for s, r in zip(starts, runs, strict=True)]),
-        dof_pos=np.concatenate([run.position for run in runs]),
-        dof_vel=np.concatenate([run.velocity for run in runs]),
-        dof_pos_target=np.concatenate([run.goal for run in runs]),
-        base_pos=base[:, :3],
-        base_quat=base[:, [4, 5, 6, 3]],
-    )
+    pose = {"base_pos": base[:, :3], "base_quat": base[:, [4, 5, 6, 3]]}
+    np.savez(path, **_join_buffers(runs), **pose)

@@ -1,11 +1,16 @@
 """A log in memory, and a model that it may be of."""
 
+import tomllib
 from pathlib import Path
 
+import mujoco
 import numpy as np
 
 from selfheal.logs.base import Log, Stream
+from selfheal.logs.convert import import_logs
+from selfheal.logs.guessing.guess import Guess
 from selfheal.logs.log_map import parse_map
+from selfheal.recording import Episode, list_model_names, read
 from selfheal.recording.controls import Control
 from selfheal.recording.model import ModelNames, Target
 
@@ -52,6 +57,22 @@ class TableLog(Log):
 
 def make_map(text):
     """A map of TOML."""
-    import tomllib
-
     return parse_map(tomllib.loads(text), "map.toml")
+
+
+def list_guessed(guess: Guess) -> dict[tuple[str, str], tuple]:
+    """Column, conversion, and how sure it is, by kind and target."""
+    return {
+        (line.kind, target): (column, unit, sure)
+        for line in guess.lines
+        for column, target, unit, sure in zip(
+            line.columns, line.targets, line.units, line.sure, strict=True
+        )
+    }
+
+
+def import_guess(log: Log, text: str, model: mujoco.MjModel, path: Path) -> Episode:
+    """The only episode of what a map makes of a log."""
+    import_logs([log], make_map(text), list_model_names(model), path)
+    (episode,) = read(path).episodes.values()
+    return episode
