@@ -57,11 +57,9 @@ def make_identify_page(run: Run) -> str:
 def _write_lead(run: Run) -> str:
     """The run in one sentence, or two if it is not finished."""
     done, asked = len(run.cycles), run.settings.cycles
-    unfinished = (
-        ""
-        if run.result
-        else (f"This run is not finished: {done} of {asked} actions so far. ")
-    )
+    unfinished = ""
+    if not run.result:
+        unfinished = f"This run is not finished: {done} of {asked} actions so far. "
     if not done:
         return unfinished.strip()
     last = run.cycles[-1]
