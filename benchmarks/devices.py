@@ -92,7 +92,6 @@ def prepare_case(device: Device, recordings: Path, case: Path) -> None:
     """Write what is diagnosed of a device into a folder: model.xml and recording.h5.
 
     Args:
-        device: the device.
         recordings: folder of the recordings of all devices.
         case: folder that is written; it is made.
     """
@@ -123,10 +122,7 @@ def score_on_test(
     """Score of a diagnosis on the device's test, by `selfheal replay`.
 
     Args:
-        device: the device.
         recordings: folder of the recordings of all devices.
-        case: folder that has the diagnosis.
-        program: word that starts selfheal.
 
     Returns:
         The normalized error, or None where the replay failed.

@@ -115,9 +115,7 @@ def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | 
     """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json.
 
     Args:
-        case: folder that has the diagnosis.
         key: folder that has test.h5.
-        program: words that start the replay.
     """
     kept, diagnosis = case / "proof.json", case / FOUND
     if kept.is_file():
@@ -141,14 +139,7 @@ def score_replay(
 def replay_inputs(
     diagnosis: Path, test: Recording, program: Sequence[str], *more: str
 ) -> Recording | None:
-    """What a diagnosis predicts of a test's inputs; None where its replay failed.
-
-    Args:
-        diagnosis: its folder.
-        test: whose samples are taken out.
-        program: words that start the replay.
-        more: words that end them.
-    """
+    """What a diagnosis predicts of a test's inputs; None where its replay failed."""
     with tempfile.TemporaryDirectory(prefix="sealed-") as room:
         write(drop_samples(test), Path(room) / "inputs.h5")
         words = [*program, str(diagnosis.resolve()), "inputs.h5", "--out", "out.h5"]
@@ -162,7 +153,6 @@ def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
     """Diagnose every case of a folder that has no diagnosis yet.
 
     Args:
-        folder: holds the cases.
         jobs: processes at a time, each on a core of its own where there are several.
         limits: of each process; its cores are chosen here.
 

@@ -109,7 +109,6 @@ def list_errors(
     """Errors over spread (rows, columns) [1] of each position-like signal.
 
     Args:
-        predicted: values by episode and signal.
         seen: the recording that they are compared with.
     """
     names = {
@@ -134,7 +133,6 @@ def compute_score(
     """Normalized RMSE over the position-like signals (contract section 2).
 
     Args:
-        predicted: values by episode and signal.
         seen: the recording that they are compared with.
     """
     parts = [np.mean(np.sum(e**2, 1)) for e in list_errors(predicted, seen)]

@@ -29,8 +29,6 @@ def complete_suite(benchmark: str, suite: str, runs: KeyedRuns) -> None:
     """Do the runs of a suite that have no record yet, writing each as it ends.
 
     Args:
-        benchmark: its name.
-        suite: its name.
         runs: key and function of each run; the function gives its record.
     """
     done = read_records(benchmark, suite)

@@ -59,8 +59,6 @@ def tell_progress(said: str, done: int, total: int, begun: float) -> None:
     """Say on standard error what was done, how much of all, and the time left.
 
     Args:
-        said: of the last one.
-        done: how many are.
         total: how many there are to do.
         begun: `time.perf_counter()` when the first one began [s].
     """
@@ -109,7 +107,6 @@ def format_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     """A Markdown table.
 
     Args:
-        header: names of the columns.
         rows: cells, each written by `str`.
     """
     lines = [header, ["---"] * len(header), *rows]
@@ -120,8 +117,6 @@ def format_page(title: str, sections: Sequence[Section], hardware: str) -> str:
     """The Markdown page of one benchmark: title, command, date, machine, sections.
 
     Args:
-        title: of the page.
-        sections: in order.
         hardware: what is said of the machine.
     """
     today = date.today().isoformat()
@@ -147,9 +142,7 @@ def publish_results(
     Args:
         root: folder of the repository; missing folders are made.
         name: name of the benchmark, in both file names.
-        title: title of the page.
         sections: content of the page, in order.
-        data: everything measured, for the JSON.
         hardware: what is added to the description of the machine.
     """
     hardware = f"{describe_machine()}{hardware}"

@@ -18,7 +18,6 @@ def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
     """A guess as JSON.
 
     Args:
-        guess: what was proposed.
         path: of the map that holds it.
     """
     columns = []
@@ -105,12 +104,7 @@ def _describe_offset(offset: "Offset") -> str:
 
 
 def summarize_import(report: "ImportReport", path: Path) -> dict[str, Any]:
-    """An import as JSON.
-
-    Args:
-        report: of it.
-        path: of the recording.
-    """
+    """An import as JSON."""
     from dataclasses import asdict
 
     return {

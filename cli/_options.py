@@ -48,7 +48,6 @@ def make_epilog(example: str, page: str) -> str:
     """What a command's help ends with.
 
     Args:
-        example: a line to type.
         page: of the documentation, perhaps with a place in it.
     """
     return f"\b\nExample: {example}\nMore: {_DOCS}/{page}"

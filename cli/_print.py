@@ -41,7 +41,6 @@ def print_paragraph(text: str, indent: str = "") -> None:
     """Print a text in lines as wide as the terminal, and break no word.
 
     Args:
-        text: of one paragraph.
         indent: before every line but the first.
     """
     lines = textwrap.wrap(
@@ -56,7 +55,6 @@ def print_text(text: str, style: str = "", *, is_wrapped: bool = True) -> None:
     """Print a text.
 
     Args:
-        text: of one paragraph.
         style: of rich, "bold" say.
         is_wrapped: whether it is broken into lines as wide as the terminal.
     """
@@ -73,9 +71,7 @@ def print_table(
     """Print a table in which no word is broken; too wide for one, row by row.
 
     Args:
-        head: names of the columns.
         rows: cells, a row as long as `head`.
-        title: above it.
         whole: number of first columns whose cells are never broken.
     """
     from rich.measure import Measurement

@@ -41,7 +41,6 @@ class ProgressBar:
         """Begin.
 
         Args:
-            what: is being done.
             as_json: whether a script reads the result.
             asked: whether progress is to be said even where there is no terminal.
         """

@@ -39,8 +39,6 @@ def check_document(document: object, kind: type[Stated], name: str) -> Stated:
 
     Args:
         document: what `tomllib` makes of a file.
-        kind: a dataclass that pydantic checks.
-        name: of the file, for messages.
 
     Raises:
         InputError: it states something that is not known.
@@ -65,8 +63,6 @@ def explain_misfit(
 
     Args:
         member: that the document is of; "" leaves it out of the place.
-        error: of the document.
-        text: the document.
     """
     found = error.errors(include_url=False)
     if found[0]["type"] == "json_invalid":

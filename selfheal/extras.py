@@ -14,8 +14,6 @@ def import_extra(module: str, extra: str, purpose: str) -> Any:
     """A module that only an extra of pyproject.toml installs.
 
     Args:
-        module: its full name.
-        extra: name of the extra.
         purpose: what needs it, the beginning of the message.
 
     Raises:

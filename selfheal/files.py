@@ -246,7 +246,6 @@ def open_run(
     """Open a run's HDF5 file and check that it is what its reader takes.
 
     Args:
-        path: of the file.
         what: such a file in words, "run file" say.
         form: its attribute `format`.
         version: its attribute `version`.

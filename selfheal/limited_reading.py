@@ -36,7 +36,6 @@ def explain_dangerous(path: str | os.PathLike[str], reader: str, library: str) -
     What the reader raises itself is not reported: who reads it next says it better.
 
     Args:
-        path: of a file.
         reader: "module:function" that is given the path.
         library: module that does the reading; it is loaded once.
     """

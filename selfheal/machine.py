@@ -63,7 +63,6 @@ def lock(file: IO, *, wait: bool) -> None:
     """Keep an open file to this process until it is closed.
 
     Args:
-        file: open.
         wait: until another process lets go of it.
 
     Raises:

@@ -150,7 +150,6 @@ def _find_in_package(name: str, home: Path) -> Path | None:
 
     Args:
         name: of the package, and the path in it.
-        home: folder of the model.
     """
     _, _, inner = name.partition("/")
     for folder in (home, *home.parents):

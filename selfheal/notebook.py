@@ -17,7 +17,6 @@ def format_columns(title: str, columns: Columns) -> str:
     """A table below its title, as HTML of which nothing is markup of a name.
 
     Args:
-        title: above it.
         columns: values by the columns' names; a number is shown by three digits.
     """
     head = "".join(f"<th>{_escape(name)}</th>" for name in columns)
@@ -40,9 +39,6 @@ def _escape(cell: object) -> str:
 
 def make_frame(columns: Columns) -> Any:
     """A data frame of pandas.
-
-    Args:
-        columns: values by the columns' names.
 
     Raises:
         InputError: pandas is not installed.

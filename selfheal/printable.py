@@ -61,7 +61,6 @@ def shorten_middle(text: str, most: int, mark: str = "...") -> str:
     """A text of at most so many characters.
 
     Args:
-        text: of any length.
         most: characters of the result; more than `mark` and one has.
         mark: in place of what is missing in the middle.
     """

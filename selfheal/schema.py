@@ -152,8 +152,6 @@ class Members:
         """The error of a member that does not fit.
 
         Args:
-            member: its name in this group.
-            found: what it is.
             fits: what it could be; "" says nothing of it.
         """
         end = fits and f"; would fit: {fits}"
@@ -177,7 +175,6 @@ class Members:
         """A dataset.
 
         Args:
-            name: of it.
             kind: an `ArraySchema`; `str` for a text; else the type of a JSON text.
 
         Raises:
@@ -246,7 +243,6 @@ class Members:
 
         Args:
             member: that the text is of, for the message.
-            text: JSON.
             kind: the type; a dataclass for an object with names.
 
         Raises:
@@ -262,7 +258,6 @@ class Members:
 
         Args:
             member: that it is of, for the message.
-            values: the list.
             kind: what it must be, of shape (n) say.
         """
         found = np.array(values)
@@ -293,7 +288,6 @@ def open_members(
     """Open a file as `files.open_run` does, for checked reading.
 
     Args:
-        path: of the file.
         what: such a file in words, "run file" say.
         form: its attribute `format`.
         version: its attribute `version`.

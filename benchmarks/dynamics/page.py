@@ -29,13 +29,7 @@ _JOINTS = "Joint angles in that walk: root mean square error of the same models 
 
 
 def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
-    """Publish the page of all suites.
-
-    Args:
-        root: folder of the repository.
-        known: records by suite.
-        remarks: text of the last section.
-    """
+    """Publish the page of all suites."""
     rows = [(f"{suite} {key}", r) for suite, records in known.items()
             for key, r in records.items()]  # fmt: skip
     errors = ("robot", "body right", "torso still", "verdict", "effects",

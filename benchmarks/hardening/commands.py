@@ -75,7 +75,6 @@ def run_writer(words: str, folder: Path, **more: Any) -> Ended:
     """Run a command that writes, in its working folder.
 
     Args:
-        words: its arguments.
         folder: where it works.
         **more: for `run_selfheal`.
     """
@@ -97,7 +96,6 @@ def make_earlier(name: str, folder: Path) -> None:
     """Have OUT hold an earlier run of a command, one that is to go on where it can.
 
     Args:
-        name: of the command.
         folder: made by `make_inputs`, where the command has not run yet.
     """
     command = COMMANDS[name]
@@ -114,7 +112,6 @@ def read_main(name: str, folder: Path) -> Any:
     """All that a command's first file says but times and where it lies.
 
     Args:
-        name: of the command.
         folder: where it worked.
 
     Raises:

@@ -34,7 +34,6 @@ def mount_disk(place: Path, size: int) -> Iterator[None]:
     """Keep a disk in memory mounted at a folder.
 
     Args:
-        place: the folder.
         size: of the disk [kB].
     """
     made = subprocess.run(
@@ -79,8 +78,6 @@ def _measure_need(name: str, start: Path, place: Path) -> int:
     """What a command needs of a disk that holds nothing else [kB].
 
     Args:
-        name: of the command.
-        start: working folder to begin with.
         place: a new folder in which it works.
     """
     folder = copy_folder(start, place)
@@ -101,8 +98,6 @@ def try_disk(name: str, start: Path, variant: str, size: int) -> Record:
     """Run a command whose folder is on a disk with little room.
 
     Args:
-        name: of the command.
-        start: working folder to begin with.
         variant: "small": the disk is small and empty; "filled": what is there leaves
             little room.
         size: the room [kB].
@@ -132,10 +127,8 @@ def _list_losses(
     """What a command lost of what was there, or left half-written.
 
     Args:
-        name: of the command.
         folder: where it worked.
         kept: copy of what was there before; None where there was nothing.
-        ended: how it ended.
     """
     command = COMMANDS[name]
     file = folder / command.main

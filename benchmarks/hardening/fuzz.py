@@ -52,7 +52,6 @@ def make_mutant(folder: Path, kind: str, seed: int) -> Mutant:
     """The mutant of a kind and a seed, of originals that `make_originals` made.
 
     Args:
-        folder: of the originals.
         kind: one of `KINDS`.
         seed: draws the original, the damage and the command.
     """
@@ -70,8 +69,6 @@ def copy_with_mutant(folder: Path, mutant: Mutant, place: Path) -> None:
     """Copy a folder of originals, with a mutant in the place of its original.
 
     Args:
-        folder: of the originals.
-        mutant: that belongs to them.
         place: a new folder to be made.
     """
     shutil.copytree(folder, place, copy_function=_copy_file)
@@ -93,7 +90,6 @@ def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
 
     Args:
         kind: one of `KINDS`.
-        seed: of the mutant.
         keep: the folder; None makes one and removes it.
 
     Returns:
@@ -148,7 +144,6 @@ def list_runs(place: Path, mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
 
     Args:
         place: a folder, which has to be there until all are done.
-        mutants: kinds and seeds.
     """
     pool = ProcessPoolExecutor(
         count_cores(),

@@ -36,9 +36,7 @@ def list_faults(
     """All that is wrong with how a command ended.
 
     Args:
-        ended: how it ended.
         folder: in which it worked, subfolders included.
-        codes: exit codes that may be.
     """
     found = [] if ended.megabytes < MOST_MEGABYTES else [Fault("memory", _find_place(
         ended.said) or f"over {MOST_MEGABYTES:.0f} MB")]  # fmt: skip

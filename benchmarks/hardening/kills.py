@@ -34,7 +34,6 @@ def call_at_writes(act: Callable[[int], None], folder: Path) -> None:
 
     Args:
         act: is given how many such moments there were.
-        folder: in which files count.
     """
     done = 0
 
@@ -117,8 +116,6 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
     """Kill a command at a moment, have it go on, and compare with one that was not.
 
     Args:
-        name: of the command.
-        inputs: working folder to begin with.
         whole: folder in which the command was not killed.
         moment: number of the write before which it is killed.
     """

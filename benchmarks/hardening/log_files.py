@@ -30,11 +30,7 @@ FILES = Path(__file__).parent / "files"  # models, and maps whose targets are th
 
 
 def make_columns(rows: int = 60) -> Columns:
-    """Columns of a log of the arm, in two runs.
-
-    Args:
-        rows: how many.
-    """
+    """Columns of a log of the arm, in two runs."""
     t = 10.0 * np.arange(rows)  # [ms]
     wave = np.sin(t / 200.0)
     return {

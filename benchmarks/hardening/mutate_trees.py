@@ -30,7 +30,6 @@ def make_mutation(
 
     Args:
         name: of the function that is made.
-        decode: the tree of a content.
         encode: the content of a tree, whatever it holds where; what took the place of
             all of it is JSON.
         draw_odd: something in the place of a value.

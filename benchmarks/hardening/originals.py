@@ -71,10 +71,8 @@ def _make_log(
     """A log, or a part of one.
 
     Args:
-        file: its path.
         *mutate: ways to damage it, beside those of bytes.
         log: that it is a part of; "" if it is one.
-        map_file: of the log.
     """
     log = log or file
     more = (make_column_mutation(file),) * 2 if file in ENCODERS else ()

@@ -13,11 +13,7 @@ _SHOWN = 3  # keys of records with the same fault; chosen
 
 
 def write_page(root: Path) -> None:
-    """Publish the page of all studies.
-
-    Args:
-        root: folder of the repository.
-    """
+    """Publish the page of all studies."""
     known = {study: read_records("hardening", study) for study in STUDIES}
     sections = [
         _make_fuzz_section(known["fuzz"]),
@@ -86,8 +82,6 @@ def _make_writing_section(
 
     Args:
         records: by key, whose first word is the command.
-        title: of the section.
-        text: of the section.
     """
     found = defaultdict[str, list[Record]](list)
     for key, record in records.items():

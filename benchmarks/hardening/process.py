@@ -72,7 +72,6 @@ def run_selfheal(
     """Run one command of `selfheal` in a process of its own.
 
     Args:
-        words: its arguments.
         folder: where it works.
         prepare: is called in the process before the command.
         seconds: after which it is stopped [s].
@@ -93,8 +92,6 @@ def run_forked(
     """Call a function in a process of its own.
 
     Args:
-        play: the function.
-        folder: in which it works.
         seconds: after which it is stopped [s].
     """
     fork = multiprocessing.get_context("fork")
@@ -131,10 +128,6 @@ def _play(
     """Call the function in this process, which is the forked one.
 
     Args:
-        play: the function.
-        folder: in which it works.
-        printed: gets its standard output.
-        said: gets its standard error.
         peak: gets the most memory that it had [MB].
     """
     os.chdir(folder)

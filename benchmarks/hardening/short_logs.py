@@ -148,7 +148,6 @@ def publish_short_logs(root: Path, count: int) -> None:
     """Check all short logs, and write docs/results/short-logs.md.
 
     Args:
-        root: folder of the repository.
         count: of those that are diagnosed as well.
     """
     data = run(count)

@@ -24,7 +24,6 @@ def is_named(record: Mapping[str, Any], names: Sequence[str], most: int) -> bool
 
     Args:
         record: of a run of suite `real`.
-        names: parts whose probabilities are summed.
         most: actions within which it must happen.
     """
     steps = record["steps"][:most]
@@ -40,9 +39,7 @@ def format_named_share(
     """Share of the repeats of suite `real` that named some parts in time.
 
     Args:
-        real: the records of the suite.
         chosen: True for chosen actions, False for random ones.
-        names: the parts.
         most: actions within which they must be named.
     """
     rows = [r for r in real.values() if r["chosen"] is chosen]

@@ -26,13 +26,7 @@ _COUNTS = (3, 4, 5, 6, 8, 10)  # actions after which naming is looked at
 
 
 def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
-    """Publish the page of all suites of gaits, alarms and healing.
-
-    Args:
-        root: folder of the repository.
-        known: records by suite.
-        remarks: text of the last section.
-    """
+    """Publish the page of all suites of gaits, alarms and healing."""
     sections = [
         Section(
             "What was reached",

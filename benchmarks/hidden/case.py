@@ -130,10 +130,7 @@ def build_case(
     """Simulate and record a case.
 
     Args:
-        name: of its folders.
-        experiment: that is made.
         placed: the effects of the hidden robot.
-        session: how it is recorded.
         given: the robot as its model has it, if not as the experiment has it; the
             scorer then measures references itself.
         key: what the key says besides: at least kind and seed.
@@ -191,7 +188,6 @@ def save_case(case: Case, cases: Path, keys: Path) -> None:
     """Write a case into two folders: what is given, and what is concealed.
 
     Args:
-        case: that is written.
         cases: folder for model.xml and recording.h5, in a folder of the case's name.
         keys: folder for key.json and recordings that score, likewise.
     """

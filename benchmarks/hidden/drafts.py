@@ -136,8 +136,6 @@ def draw_drives(
     inertia of what they move).
 
     Args:
-        rng: draws them.
-        robot: that has them.
         chances: that a case has load-dependent friction, Stribeck's, delay and lag.
 
     Returns:

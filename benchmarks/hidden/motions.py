@@ -81,8 +81,6 @@ def draw_sample_steps(
     """(T) fine steps of the samples, at a rate with jitter.
 
     Args:
-        robot: whose fine step counts.
-        rng: draws the jitter.
         rate: [Hz].
         seconds: [s] of the episode.
         jitter: share of a period by which samples are moved.
@@ -125,8 +123,6 @@ def plan_goals(
     """A plan that follows goals, from rest where the first one is.
 
     Args:
-        robot: that follows.
-        motion: label.
         rows: (T) fine step of each sample.
         goals: (T, nu) [rad or m] of the joints that its actuators move.
         more: fields of the plan that are not as usual.
@@ -163,7 +159,6 @@ def plan_free(
     """A plan without commands.
 
     Args:
-        motion: label.
         at: (T) fine step of each sample.
         qpos: (nq) start.
         qvel: (nv) start.

@@ -159,8 +159,6 @@ def draw_experiment(
     """Everything of a case but its effects.
 
     Args:
-        name: of the shape.
-        rng: draws all of it.
         zero: attributes that the given model states as 0.
         density: [kg/m^3] of the medium that the given model states.
     """
@@ -200,10 +198,7 @@ def size_effect(draw: Draw, effect: Effect, target: str, rng: Rng) -> PlacedEffe
     """An effect as large as the case needs.
 
     Args:
-        draw: that it is sized on.
-        effect: that is concealed.
         target: where.
-        rng: draws its parameters.
 
     Raises:
         UnfitDraw: no sane size makes it matter.
@@ -284,7 +279,6 @@ def make_case(kind: str, seed: int, *, effects=(), robots=()) -> Case:
 
     Args:
         kind: of `KINDS`, or "mixed".
-        seed: of everything in it.
         effects: names to choose from, all by default.
         robots: names to choose from, all by default.
 

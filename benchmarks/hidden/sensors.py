@@ -45,8 +45,6 @@ def measure_joints(
     """Signals of positions, and of velocities where they have noise.
 
     Args:
-        robot: that has the joints.
-        joints: their names.
         noise: [rad or m] of the positions.
         speed: [rad/s or m/s] of the velocities, 0: not measured.
     """
@@ -73,9 +71,7 @@ def draw_disturbance(shape: tuple[int, ...], memory: float, rng: Rng) -> np.ndar
     """Noise of unit variance, AR(1) along the first axis where it is correlated.
 
     Args:
-        shape: of the result, samples first.
         memory: correlation of a sample with the one before, 0: white.
-        rng: draws it.
     """
     noise = rng.normal(size=shape)
     if not memory:
@@ -111,12 +107,7 @@ class Instruments:
         return replace(self, sensors=sensors, dropout=0.0)
 
     def read_clean(self, run: Rollout, model: Any) -> dict[str, Signal]:
-        """Every signal, measurement effects included, noise not.
-
-        Args:
-            run: of the hidden robot.
-            model: compiled, of the hidden robot.
-        """
+        """Every signal, measurement effects included, noise not."""
         found = {}
         for name, sensor in self.sensors.items():
             reading = self.readings.get(name, SensorModel())
@@ -168,10 +159,6 @@ class Instruments:
         """One episode as recorded.
 
         Args:
-            plan: of its motion.
-            run: of the hidden robot.
-            clean: its signals without noise.
-            rng: draws the noise.
             state: whether it states where it starts.
         """
         return Episode(
@@ -280,9 +267,7 @@ def record_plans(
 
     Args:
         instruments: that record; with the sensor errors of the hidden robot.
-        truth: the hidden robot.
         plans: may be drawn, by the same generator, as they are asked for.
-        rng: draws the noise.
         state: whether episodes state where they start.
         check: raises `UnfitDraw` where a rollout makes no case.
 

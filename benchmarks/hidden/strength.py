@@ -144,7 +144,6 @@ def measure_strength(
     """Error without the effect over noise: as it is, and after a bounded refit.
 
     Args:
-        instruments: that measures the runs.
         base: the same robot without the effect.
         runs: of the robot with the effect.
     """
@@ -188,13 +187,7 @@ def _subtract_refit(
 def measure_integration_error(
     instruments: Instruments, base: HiddenRobot, runs: Sequence[Rollout]
 ) -> float:
-    """What the given model's step and integrator alone cost, over noise.
-
-    Args:
-        instruments: whose noise counts.
-        base: hidden robot.
-        runs: rollouts of it.
-    """
+    """What the given model's step and integrator alone cost, over noise."""
     probe = Probe(instruments, runs)
     fine, coarse = probe.simulate(base.spec), probe.simulate(make_coarse_spec(base))
     return _find_largest_rms(probe.compare(fine, coarse))

@@ -32,7 +32,6 @@ class CommandShaper(Protocol):
         """The command of this step.
 
         Args:
-            command: as sent.
             speed: [1/s] of what is sent, by differences.
             first: whether there was none before.
         """
@@ -90,8 +89,6 @@ def make_hidden_robot(robot: Robot, errors: Errors, integrator: str) -> HiddenRo
     """The hidden robot before any effect: every body states its inertia.
 
     Args:
-        robot: with the given model.
-        errors: of what that states.
         integrator: as MJCF calls it; "": the given one.
     """
     spec = robot.read_spec()
@@ -157,7 +154,6 @@ def scale_value(spec: Any, kind: str, name: str, factor: float) -> None:
     """Multiply a stated value in the hidden robot's MjSpec.
 
     Args:
-        spec: is changed.
         kind: of `Nuisance`, or gear.
         name: of the body, joint or actuator; "" for all contacts.
         factor: [1].
@@ -184,7 +180,6 @@ def scale_gain(actuator: Any, kind: str, factor: float) -> None:
     """Multiply a gain of an actuator.
 
     Args:
-        actuator: in the MjSpec, is changed.
         kind: "kp", "kv", or "gear" for all that it gives.
         factor: [1].
     """
@@ -201,7 +196,6 @@ def stretch_body(body: Any, factors: np.ndarray) -> None:
     """Scale a body's geometry, center of mass and inertia along its axes; mass stays.
 
     Args:
-        body: in the spec.
         factors: (3) along x, y, z of the body frame.
     """
     body.ipos = body.ipos * factors

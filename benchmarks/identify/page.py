@@ -23,7 +23,6 @@ def make_sections(
     """All sections of a suite's page.
 
     Args:
-        rows: configurations of the suite.
         records: finished runs by the name of their row.
         jobs: how many ran at a time.
     """

@@ -106,7 +106,6 @@ def complete_runs(runs: list, file: Path, options) -> dict[str, dict[str, Any]]:
     Args:
         runs: rows and settings, as `plan_suite` gives them.
         file: JSON lines that records are appended to.
-        options: of the command line.
 
     Returns:
         All records of the present code, by `make_key` of their settings.
@@ -141,8 +140,6 @@ def run_suite(name: str, options, folder: Path) -> None:
     """Do what is left of a suite and publish its page.
 
     Args:
-        name: of the suite.
-        options: of the command line.
         folder: that holds the suites' JSON lines.
     """
     runs = plan_suite(name, options)

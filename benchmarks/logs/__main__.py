@@ -26,7 +26,6 @@ def measure(reader: str, path: Path) -> Row:
 
     Args:
         reader: a key of `READERS`.
-        path: of the log.
     """
     command = [sys.executable, "-m", "benchmarks.logs.readers", reader, str(path)]
     found = subprocess.run(command, capture_output=True, text=True, check=True)

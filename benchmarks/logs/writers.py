@@ -14,7 +14,6 @@ def write_csv(path: Path, size: float) -> None:
     """A CSV of time and twelve random columns, by pyarrow.
 
     Args:
-        path: of the file.
         size: [B] at which it ends.
     """
     import pyarrow as pa
@@ -35,7 +34,6 @@ def write_mcap(path: Path, size: float) -> None:
     """An MCAP of joint states of seven joints and IMU messages, by mcap.
 
     Args:
-        path: of the file.
         size: [B] at which it ends, or nearly.
     """
     from mcap.writer import Writer

@@ -42,7 +42,6 @@ def find_load(joints: int, leg: int, k: int) -> float:
     """[N m] weight below a joint, one link's length to the side of it.
 
     Args:
-        joints: in all.
         leg: joints of each leg.
         k: number of the joint, from 1.
     """

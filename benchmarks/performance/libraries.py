@@ -33,12 +33,7 @@ Call = Callable[[], Any]
 
 
 def time_alternately(own: Call, library: Call) -> tuple[float, float]:
-    """Median times [s] of two calls, which take turns.
-
-    Args:
-        own: this program's.
-        library: the library's.
-    """
+    """Median times [s] of two calls, which take turns."""
     times = np.zeros((REPEATS, 2))
     for row in times:
         for side, call in enumerate((own, library)):

@@ -31,7 +31,6 @@ def predict_tilts(values: np.ndarray, targets: np.ndarray, engine) -> np.ndarray
         values: (M, 10) offset of each joint [deg], then excess of the torso's half
             widths in x and y [mm].
         targets: (A, 8) commanded [rad].
-        engine: predicts.
     """
     body, tilts = load_published_body(), []
     for row in values:
@@ -83,7 +82,6 @@ def cross_validate(
         tilts: (A, 2) measured [deg].
         free: 8 = the offsets, 10 = the widths too.
         robust: loss of a residual, as scipy calls it.
-        seed: of the folds.
     """
     order = np.random.default_rng(seed).permutation(len(targets))
     errors = []
@@ -109,7 +107,6 @@ def score_held_out(
     Args:
         targets: (A, 8) commanded [rad].
         measured: (A, 3) channels, tilts [deg] first.
-        seed: of the folds.
         splits: more ways to split, for the spread.
     """
     tilts = measured[:, :2]

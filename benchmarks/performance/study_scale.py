@@ -147,7 +147,6 @@ def simulate_utilization(workers: int, seconds: float, service: float) -> float:
     long as stated.
 
     Args:
-        workers: how many.
         seconds: [s] of a run, on average.
         service: [s] that the server spends on a run.
     """

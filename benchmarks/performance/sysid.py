@@ -86,7 +86,6 @@ def scale_value(model: mujoco.MjModel, name: str, factor: float) -> None:
     """Multiply one of the refitted values in a compiled model.
 
     Args:
-        model: is changed.
         name: key of `list_values`.
         factor: [1].
     """
@@ -166,7 +165,6 @@ def fit_with_selfheal(robot: HiddenArm, seconds: float | None) -> np.ndarray:
     """Factors of all values by the nominal fit of `diagnose`, weighted once anew.
 
     Args:
-        robot: what is fitted.
         seconds: [s] of the segments; None: whole episodes. Segments begin where
             readings say, and their initial states are marginalized.
     """

@@ -79,13 +79,7 @@ def roll_out(compiled: list, targets: np.ndarray) -> None:
 
 
 def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
-    """Simulations a second of the reference and of statics, taking turns.
-
-    Args:
-        count: of random trees.
-        rounds: of turns; medians are taken.
-        seed: of the trees.
-    """
+    """Simulations a second of the reference and of statics, taking turns."""
     from selfheal.engine.statics import Statics
 
     bodies, targets = draw_candidates(count, seed)
@@ -109,13 +103,7 @@ def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
 
 
 def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
-    """The section with the ratios of statics to the reference.
-
-    Args:
-        found: simulations a second by engine.
-        count: of random trees.
-        rounds: of turns.
-    """
+    """The section with the ratios of statics to the reference."""
     statics = found["statics, all cores"]
     against = {"reference": "60", "reference with compile": "150"}
     rows = [
@@ -135,13 +123,7 @@ def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Sect
 
 
 def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
-    """Import and compile times, rate and memory of one engine in this process.
-
-    Args:
-        engine: its name.
-        batch: simulations in a call.
-        count: simulations in all.
-    """
+    """Import and compile times, rate and memory of one engine in this process."""
     import resource
 
     from selfheal.engine import make_engine
@@ -195,14 +177,7 @@ def _name_device(engine: str) -> str:
 
 
 def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> dict:
-    """`measure_engine` in a process of its own.
-
-    Args:
-        engine: its name.
-        batch: simulations in a call.
-        count: simulations in all.
-        cache: folder of the compiled programs.
-    """
+    """`measure_engine` in a process of its own."""
     environment = {
         **os.environ,
         "JAX_COMPILATION_CACHE_DIR": str(cache / "jax"),

@@ -18,13 +18,7 @@ _CLEAR = (1, 2, 3, 5)  # "approaches or exceeds" (overview.txt 4.5)
 
 
 def write_page(root: Path, known: Mapping[str, Records], remarks: str) -> None:
-    """Publish the page of all suites of recovery.
-
-    Args:
-        root: folder of the repository.
-        known: records by suite.
-        remarks: text of the last section.
-    """
+    """Publish the page of all suites of recovery."""
     sections = [
         Section(
             "What was reached",

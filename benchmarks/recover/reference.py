@@ -11,9 +11,7 @@ def walk_plain(robot: LeggedRobot, weights: Floats, steps: int = 1000) -> float:
     """Forward displacement [m] of a whole robot under a controller, by plain MuJoCo.
 
     Args:
-        robot: the legged robot.
         weights: (synapses) [1] of the network, inner layer first.
-        steps: simulation steps.
     """
     model = robot.model
     data = mujoco.MjData(model)

@@ -57,7 +57,6 @@ def change_robot(what: str, robot: LeggedRobot, seed: int) -> tuple[ChangedLegs,
 
     Args:
         what: of `CHANGES`.
-        robot: as it was built.
         seed: draws where.
     """
     rng = np.random.default_rng([seed, list(CHANGES).index(what), 43])

@@ -126,7 +126,6 @@ def run(concealed: int, drawn: int, first: int) -> dict[str, Any]:
     Args:
         concealed: seeds of robots with other physics than their models.
         drawn: robots that are drawn, with a fault and without.
-        first: seed of these.
     """
     every = {group: check_injected(group) for group in GROUPS}
     return {

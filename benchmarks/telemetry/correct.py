@@ -60,13 +60,7 @@ class Files:
 def write_setup(
     setup: Setup, folder: Path, gains: Mapping[str, tuple[float, float]]
 ) -> Files:
-    """The files of a set-up.
-
-    Args:
-        setup: of a user.
-        folder: for the files.
-        gains: of the drives.
-    """
+    """The files of a set-up."""
     first = next(iter(setup.recording.episodes.values()))
     rules = []
     for kind in KINDS:
@@ -104,8 +98,6 @@ def correct(files: Files, faults: list[Fault], recording: Recording) -> None:
 
     Args:
         files: of the set-up; they are changed.
-        faults: of it.
-        recording: that was checked.
     """
     changed = correct_rules(files.log_map, faults, recording)
     rules = [
@@ -140,12 +132,7 @@ def _follow(files: Files, one: Correction) -> None:
 
 
 def _edit_model(files: Files, new: ET.Element) -> None:
-    """Put an element into the model, or its attributes where it is by name.
-
-    Args:
-        files: of the set-up.
-        new: the element.
-    """
+    """Put an element into the model, or its attributes where it is by name."""
     root = ET.parse(files.model).getroot()
     name = new.get("name")
     if name is None:

@@ -64,11 +64,7 @@ class _Numbers:
 
 
 def draw_robot(seed: int) -> DrawnRobot:
-    """A robot and its recording, which stays within the joints' ranges.
-
-    Args:
-        seed: of all that is drawn.
-    """
+    """A robot and its recording, which stays within the joints' ranges."""
     rng = np.random.default_rng(seed)
     while (robot := _attempt(rng)) is None:
         pass
@@ -140,7 +136,6 @@ def _write(
     """The MJCF.
 
     Args:
-        names: of the joints.
         numbers: of each.
         gains: of the servos, by joint; empty: torque motors.
         loads: that each joint carries [N m].
@@ -193,11 +188,8 @@ def _record(
     """Episodes in which each joint follows sines.
 
     Args:
-        robot: as it is.
-        names: of the joints.
         stated: numbers of each.
         is_servo: whether goals are commanded, not torques.
-        rng: of motions, rates and noise.
     """
     rate = float(rng.choice([50, 100, 250]))
     has_speed = rng.random() < 0.7
@@ -240,7 +232,6 @@ def _follow_by_torque(robot: Robot, goals: Values) -> Command:
     """Torques of a controller of 3 Hz that knows the weight by half.
 
     Args:
-        robot: as it is.
         goals: (T, n) [rad].
     """
     model, data = robot.model, mujoco.MjData(robot.model)

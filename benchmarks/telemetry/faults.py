@@ -52,7 +52,6 @@ def judge(
     Args:
         kinds: of faults that name it rightly.
         columns: that are at fault, or the episode; empty where there is none.
-        faults: that were found.
     """
     right = [f for f in faults if f.kind in kinds]
     located = [
@@ -69,11 +68,6 @@ def inject_faults(
 
     A late column is only made where another one shows it: its velocity, or the command
     of a servo. Joints that are exchanged move differently.
-
-    Args:
-        recording: a clean one.
-        model: of its robot.
-        rng: chooses joints.
     """
     every = list_joints(recording, model).values()
     joints = [j for j in every if j.position and _moves(recording, j.position)]

@@ -67,9 +67,6 @@ def _edit(
     """The recording with changed columns.
 
     Args:
-        robot: that was recorded.
-        columns: signals that are changed.
-        change: of their values.
         ctrl: of all commands (T, n).
     """
     recording = change_columns(
@@ -248,12 +245,7 @@ MAKERS: tuple[Maker, ...] = (
 
 
 def draw_setup(number: int, robot: DrawnRobot) -> Setup | None:
-    """A fault of a robot, each kind in turn; None where it cannot have that.
-
-    Args:
-        number: of the draw.
-        robot: drawn for it.
-    """
+    """A fault of a robot, each kind in turn; None where it cannot have that."""
     return MAKERS[number % len(MAKERS)](robot, np.random.default_rng(number))
 
 

@@ -20,7 +20,6 @@ def run_study(count: int, first: int = FIRST_SEED) -> dict[str, list[dict[str, A
 
     Args:
         count: of each.
-        first: seed.
     """
     found: dict[str, list[dict[str, Any]]] = {"faulty": [], "clean": []}
     begun = time.perf_counter()

@@ -43,7 +43,6 @@ def diagnose(
             span them, or the last third of a lone one.
         no_check: kinds of faults of a log that are not asked about, as
             `selfheal.telemetry.KINDS` has them.
-        seed: of everything random.
         memory: folder of what is worked out, in which the same diagnosis goes on where
             it was killed; remove it in the end.
         progress: called with what is being done and the share (0 to 1) of the

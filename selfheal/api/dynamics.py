@@ -24,8 +24,6 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
     """Refuse a number of moves that makes no sense, or of a robot that makes none.
 
     Args:
-        robot: that is to move.
-        moves: their number.
         has_folder: whether there is one for what they tell.
 
     Raises:
@@ -54,10 +52,7 @@ def identify_dynamics(
     diagnosed with its torso bolted down: nothing makes and breaks contact then.
 
     Args:
-        run: that found the body.
-        robot: that it found it of.
         path: of the run file; all that is written lies beside it.
-        model: path of the best body.
         stage: called with what is being done, and the share (0 to 1) of it.
 
     Returns:

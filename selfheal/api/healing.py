@@ -42,7 +42,6 @@ def heal(
         hours: instead: how long it walks [h], while damages drawn by the seed happen.
         heading: direction to walk, from forward to the left [rad].
         gait: how gaits are written: "waves", or "poses" as in 2006.
-        seed: of everything random.
         robot: that was identified; None opens it by its name.
         out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
             given the run's name and makes the folder.
@@ -84,9 +83,7 @@ def check_gait_settings(gait: str, heading: float, seed: int) -> None:
     """Refuse a gait that is not known and numbers that make no sense.
 
     Args:
-        gait: name of a gait pattern.
         heading: direction to walk [rad].
-        seed: of everything random.
 
     Raises:
         InputError: says which, and what would do.

@@ -96,7 +96,6 @@ def make_recover_settings(
 
     Args:
         robot: "quadruped" or "hexapod".
-        scenario: its number.
         **options: as `RecoverOptions` lists them.
 
     Raises:
@@ -124,8 +123,6 @@ def begin_recovery(folder: Path, settings: "RecoverSettings", *, force: bool) ->
     """Write the file of a recovery that `recover` is to resume.
 
     Args:
-        folder: that there is.
-        settings: of the recovery.
         force: replace one that is there already.
 
     Returns:

@@ -33,7 +33,6 @@ def begin_run_file(
     Args:
         out: the folder, a function that makes it from the run's name, or None.
         file: name of the run file in that folder.
-        name: of the run.
         force: replace a run that is there already.
         others: names of the files that belong to such a run.
 
@@ -81,11 +80,6 @@ def follow_phases(
 
 def clear_run(path: Path, force: bool, others: Sequence[str]) -> None:
     """Refuse to overwrite a run file and what belongs to it, or remove them if forced.
-
-    Args:
-        path: of the run file.
-        force: remove them.
-        others: names of files beside it.
 
     Raises:
         InputError: one of them is there already.

@@ -114,7 +114,6 @@ def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
     """Shrink or grow parts as in paper A after damage.
 
     Args:
-        bodies: N bodies.
         scale: (N, P) factor on length, diameter, mass and housing of each part
             [1], 0.1 to 2 in the paper. A joint on a scaled part moves with it.
 
@@ -147,9 +146,6 @@ def compute_mounts(bodies: Bodies) -> Floats:
 
 def compute_rest_frames(bodies: Bodies) -> tuple[Floats, Floats]:
     """Where parts are at zero joint angles.
-
-    Args:
-        bodies: N bodies.
 
     Returns:
         origin: (N, P + 1, 3) of the torso and each part, in the torso's frame [m].
@@ -191,7 +187,6 @@ def compute_part_points(bodies: Bodies, along: float) -> Floats:
     """(N, P, 3) point on each part's axis, zero angles, torso frame [m].
 
     Args:
-        bodies: N bodies.
         along: 0 = the joint, 0.5 = the part's center, 1 = its tip.
     """
     origin, frame = compute_rest_frames(bodies)

@@ -20,7 +20,6 @@ def list_subtree(parents: Iterable[int], root: int) -> list[int]:
 
     Args:
         parents: the parent of each node, which comes before it.
-        root: of the subtree.
     """
     found = {root}
     for node, parent in enumerate(parents):

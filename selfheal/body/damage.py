@@ -109,7 +109,6 @@ def explain_misfit(
     """What of a damage makes no sense, in words; "" if nothing.
 
     Args:
-        damage: as a file says it.
         names: what a robot has of each sort of target, "body" say; None: any names.
     """
     if damage.kind not in KINDS:
@@ -158,7 +157,6 @@ def parse_damages(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
     Args:
         text: as in "right_lower:0.1", "loss:left_upper" or "jam:left_hip:20"; several
             with commas between.
-        anatomy: has the names.
 
     Raises:
         InputError: it says none; the message lists what would.

@@ -66,7 +66,6 @@ def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     """Encode trees as paper A does: known lengths and hinges.
 
     Args:
-        anatomy: the robot's parts.
         parent: (N, P) or (P) what each part is attached to; 0 is the torso.
         placement: (N, P) or (P) where on its parent's perimeter [rounds].
 
@@ -85,7 +84,6 @@ def decode_unit_genes(anatomy: Anatomy, genes: Floats) -> Genomes:
     """Genomes from paper A's eight genes in [0, 1] (papers.md 1.3).
 
     Args:
-        anatomy: the parts.
         genes: (N, P) in [0, 1]; parent = floor(t), placement = t - parent with
             t = gene * (i - 1 + 0.9999) for part i = 1..P.
     """
@@ -104,7 +102,6 @@ def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     """Genomes from paper C's 8 x 4 matrices.
 
     Args:
-        anatomy: the parts.
         matrix: (N, P, 4) in [0, 1]: parent scaled to 0..i-1, side to 0..3, hinge kind
             to 0..5, length to LENGTH_RANGE.
     """
@@ -123,7 +120,6 @@ def relabel_parts(genomes: Genomes, order: Ints) -> Genomes:
     """Bodies in which part i became part order[i], with all its genes.
 
     Args:
-        genomes: N bodies.
         order: (N, P) permutations of 0..P-1.
     """
     label = np.hstack([np.zeros((len(order), 1), np.int64), order + 1])
@@ -201,9 +197,6 @@ def draw_genomes(
     Where the anatomy is not ordered, parts then trade places at random.
 
     Args:
-        anatomy: the robot's parts.
-        count: number of trees.
-        rng: draws them.
         sides: move every attachment to the middle of its side.
     """
     genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))

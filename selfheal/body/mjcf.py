@@ -156,8 +156,6 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
     """The articulated model of one body.
 
     Args:
-        bodies: a batch of bodies.
-        row: which of them.
         physics: None = the defaults.
 
     Returns:
@@ -193,8 +191,6 @@ def build_walking_spec(body: Bodies, physics: Physics, torque: Floats, slope: Fl
     """The articulated model of one body with motors of limited torque on a slope.
 
     Args:
-        body: a batch of one.
-        physics: of the simulation.
         torque: (P) largest of each motor [N m].
         slope: (2) tilt of the ground and downhill azimuth [rad]; gravity is turned,
             the floor stays z = 0.
@@ -219,8 +215,6 @@ def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) ->
     """MJCF text of one body, which opens in any MuJoCo viewer; see `build_spec`.
 
     Args:
-        bodies: a batch of bodies.
-        row: which of them.
         physics: constants of the model; None = the defaults of `Physics`.
     """
     spec = build_spec(bodies, row, physics)
@@ -235,9 +229,6 @@ def load(path: str | Path) -> Bodies:
     part below it has one hinge, one capsule along x that starts at the joint, and at
     most one box, its housing. All masses are explicit. The actuators list the joints in
     the order of the parts. A part with a site `<part>_tip` is a foot.
-
-    Args:
-        path: of the MJCF.
 
     Returns:
         A batch of one body with its anatomy.

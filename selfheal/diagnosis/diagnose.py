@@ -88,7 +88,6 @@ def diagnose(
 
     Args:
         model: MJCF or URDF.
-        recordings: of the real robot.
         held_out: episodes or parts kept from the fit, as `recording.split` takes them.
         seed: of the segments that candidates are first tried on.
         memory: folder of what was worked out, in which a killed run goes on.
@@ -145,10 +144,8 @@ def _start(
 
     Args:
         model: MJCF or URDF.
-        recordings: of the real robot.
         memory: folder of what was worked out.
         seed: of the segments of the search.
-        record: of the search.
         is_over: whether a share of the time is over.
         held_out: episodes or parts of them kept from the fit.
     """
@@ -188,10 +185,7 @@ def _fit_nominal(
     Where time is over before they are fitted, the model as it is given.
 
     Args:
-        dataset: with the robot.
-        problem: all segments.
         rng: draws the segments of the search.
-        record: of the search.
         is_over: whether a share of the time is over.
     """
 
@@ -225,11 +219,7 @@ def _choose_effects(
     Where time is over, what the search found so far.
 
     Args:
-        dataset: with the recordings.
-        problem: all segments.
         state: of a search in which nothing has a name.
-        rng: draws segments and resamples.
-        record: of the search.
         is_over: whether a share of the time is over.
     """
     longer = build_longer_problems(dataset, problem)
@@ -253,8 +243,6 @@ def _fit_last(
     """The last fit of a hypothesis; as the search fitted it where time is over.
 
     Args:
-        dataset: with the recordings.
-        hypothesis: with named effects.
         record: of the search, whose state goes.
         is_over: whether a share of the time is over.
         findings_only: whether the last fit leaves what the model states.
@@ -303,10 +291,7 @@ def _test(
     """Stage 4: which names hold in the held-out episodes, and what they leave.
 
     Args:
-        dataset: with the held-out episodes.
-        hypothesis: after its last fit.
         is_stopped: whether the search was stopped before its end.
-        record: of the search.
     """
     record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
     hypothesis, refuted = drop_refuted(dataset, hypothesis)

@@ -29,7 +29,6 @@ def find_nearest_on_hull(flat, m, simplex):
 
     Args:
         flat: (M, 2) points [m].
-        m: how many of them count.
         simplex: (2) to fill: rows of the points that carry the nearest one.
 
     Returns:

@@ -116,7 +116,6 @@ def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
 
     Args:
         model: of the spheres, see `build_sphere_model`.
-        data: of the same model.
         state: of the body before the step.
         pose: of its parts after the step.
     """

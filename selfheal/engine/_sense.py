@@ -81,7 +81,6 @@ def pose_body(body, known, swing, points, com, frames, spots):
 
     Args:
         body: fields of one body, see `_settle.settle_batch`.
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         swing: (P, 2) cosine and sine of the joint angles.
         points: (3, 8 + 10 P) to fill, the torso's corners first [m].
         com: (3) to fill: center of mass [m].
@@ -158,7 +157,6 @@ def sense(body, known, radius, channels, height, posed, out):
 
     Args:
         body: fields of one body, see `_settle.settle_batch`.
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         channels: code, part and axis (C) each, of `channels.Channels`.
         height: of the torso's center above the floor [m].
@@ -208,7 +206,6 @@ def sense_batch(
         length: (N, P).
         thickness: (N, P).
         mass: (N, P).
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P).
         q: (N, P) joint angles reached [rad].
         up: (N, 3) in the torso's frame.

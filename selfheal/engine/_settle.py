@@ -209,7 +209,6 @@ def settle_body(body, known, swing, falls, radii, work):
 
     Args:
         body: fields of one body, see `settle_batch`.
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         swing: (steps, P, 2) cosine and sine of its joint angles after each sub-step.
         falls: whether it settles; else it is bolted down, and only posed.
         radii: (8 + 10 P) radius of each contact point, the torso's corners first [m].
@@ -244,10 +243,8 @@ def settle_batch(
         length: (N, P) [m].
         thickness: (N, P) factor on a part's radius and housing [1].
         mass: (N, P) of the capsule [kg].
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         q: (N, P) joint angles after the ramp [rad].
-        steps: sub-steps of the ramp.
         out: (N, 4 + P) to fill: up in the torso's frame (3), height of the torso's
             center (1) [m], height of each part's lowest tip point (P) [m].
     """
@@ -312,7 +309,6 @@ def race_batch(
         length: (N, P) [m].
         thickness: (N, P) factor on a part's radius and housing [1].
         mass: (N, P) of the capsule [kg].
-        known: torso_half, torso_mass, block_half, block_center, block_mass.
         radius: (P) [m].
         targets: (n, P) joint targets of the actions [rad].
         felt: (n, C) channels measured; NaN = unknown.
@@ -323,7 +319,6 @@ def race_batch(
         order: (N, n) of the actions, first to last to be tried.
         bound: (N, n) a body is given up once its loss reaches this before the first,
             second, ... action in its order.
-        steps: sub-steps of the ramp.
         channels: code, part and axis (C) each, of `channels.Channels`.
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.

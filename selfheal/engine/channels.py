@@ -117,7 +117,6 @@ def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
 
     Args:
         name: as `tilt` or `touch:shin`.
-        parts: names of the robot's parts.
 
     Raises:
         UnknownNameError: no such kind or part.
@@ -149,8 +148,6 @@ def _list_channels(
     """The channels of sensors.
 
     Args:
-        sensors: their names.
-        parts: of the robot.
         fixed: whether it is bolted down: nothing it does ends in another rest.
     """
     rows, names = list[tuple[int, int, int, SensorKind]](), list[str]()

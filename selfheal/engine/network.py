@@ -46,7 +46,6 @@ def build_networks(robot: LeggedRobot, weights: Floats, alive: Floats) -> Networ
     """Controllers of given weights.
 
     Args:
-        robot: that they control.
         weights: (N, synapses), those of the inputs first [1].
         alive: (N, HIDDEN) factor on each hidden neuron, 0 where it is dead [1].
     """

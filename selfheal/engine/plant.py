@@ -141,12 +141,7 @@ def _compute_change(plant: Plant, damage: Damage) -> dict:
 
 
 def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
-    """Targets of damages that can change nothing more after some damages.
-
-    Args:
-        body: whole, a batch of one.
-        damages: that happened to it.
-    """
+    """Targets of damages that can change nothing more after some damages."""
     gone, anatomy = set[str](), body.anatomy
     for damage in damages:
         if damage.kind == "limb_loss":
@@ -188,7 +183,6 @@ def compute_set_points(
     """Where servos are sent: commands late, within range, at most at the motors' speed.
 
     Args:
-        plants: N.
         commands: (N, T, P) [rad], each held for a period.
         period: [s].
         start: (N, P) set points before the first command [rad].

@@ -45,7 +45,6 @@ def compute_readings(
     """Readings of bodies at rest.
 
     Args:
-        bodies: N.
         packed: from `pack_inputs`.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].

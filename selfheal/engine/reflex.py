@@ -125,7 +125,6 @@ def scale_physics(plants: LeggedPlants, factors: Floats) -> LeggedPlants:
     """Robots whose friction, masses and motors are off.
 
     Args:
-        plants: N.
         factors: (2 + D) or (N, 2 + D) on friction, on masses, on each motor's torque.
     """
     return replace(
@@ -176,7 +175,6 @@ def simulate_controllers(
     """Let robots run under their controllers.
 
     Args:
-        plants: N.
         weights: (N, synapses).
         steps: of 10 ms.
     """

@@ -74,7 +74,6 @@ class Statics:
         """Loss of N bodies under n actions in turn, each given up at its bound.
 
         Args:
-            bodies: N.
             targets: (n, P) joint targets of the actions [rad].
             felt: (n, C) channels measured, of the anatomy's sensors.
             weight: (C), and

@@ -230,7 +230,6 @@ def read_by_gain(true: Floats, sensors: Sequence[str], plant: Plant) -> Floats:
     Args:
         true: (..., M) values in the units of channels [deg, mm or 1].
         sensors: (M) that each value comes from.
-        plant: has the sensors' gains.
 
     Returns:
         (..., M) values.

@@ -46,7 +46,6 @@ def simulate_runs(
     A quarter of the model's time step comes near to a robot's continuous motion.
 
     Args:
-        text: MJCF of the model.
         conceal: puts into the compiled model what the text lacks.
         rate: [Hz] of commands and readings.
         seconds: [s] of each run.
@@ -80,9 +79,7 @@ def _make_goals(model: "mujoco.MjModel", time: Floats, number: int) -> Floats:
     joint's frequencies are its own.
 
     Args:
-        model: whose ranges bound the goals.
         time: (T) [s].
-        number: of the run.
     """
     low, high = model.jnt_range.T
     share = time / time[-1]

@@ -15,13 +15,7 @@ from .simulate import Run
 
 
 def write_csv(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
-    """A table in milliseconds and degrees, as a servo's software writes it.
-
-    Args:
-        path: of the file.
-        runs: of the robot.
-        joints: their names.
-    """
+    """A table in milliseconds and degrees, as a servo's software writes it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time [ms]", "run", *(f"{word} {name} [deg]"
@@ -38,7 +32,6 @@ def write_npz(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
     """Arrays of all joints together, as scripts of legged robots write them.
 
     Args:
-        path: of the file.
         runs: of the robot, one behind the other.
         joints: their names, which are not written.
     """
@@ -62,9 +55,7 @@ def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> Non
     """A LeRobot folder, v2.1: degrees, and the last joint in percent of its range.
 
     Args:
-        path: of the folder.
         runs: of the robot, an episode each.
-        joints: their names.
     """
     import pyarrow
     from pyarrow import parquet
@@ -119,7 +110,6 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
     Args:
         path: of the folder; one that is there is replaced.
         runs: of the robot, one behind the other.
-        joints: their names.
     """
     import shutil
 

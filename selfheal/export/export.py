@@ -24,8 +24,6 @@ def export_recording(
     """Write a recording for another program, whole or not at all.
 
     Args:
-        recording: of a robot.
-        path: of the file.
         to: a name of `FORMATS`.
         predicted: the same samples as a model predicts them, to stand beside.
 

@@ -30,8 +30,6 @@ def write_mcap(path: Path, recording: Recording, predicted: Recording | None) ->
     one that was not read is left out.
 
     Args:
-        path: of the file.
-        recording: of a robot.
         predicted: the same samples as a model predicts them, or None.
 
     Raises:

@@ -15,8 +15,6 @@ def write_rrd(path: Path, recording: Recording, predicted: Recording | None) -> 
     """Write an RRD, with entities such as `000/signals/knee_position`.
 
     Args:
-        path: of the file.
-        recording: of a robot.
         predicted: the same samples as a model predicts them, or None.
 
     Raises:

@@ -49,8 +49,6 @@ def ask(state: CmaState, count: int, rng: np.random.Generator) -> Floats:
 
     Args:
         state: of the search, in D dimensions.
-        count: number of points N.
-        rng: draws them.
 
     Returns:
         (N, D) points.
@@ -64,7 +62,6 @@ def tell(state: CmaState, points: Floats, scores: Floats) -> CmaState:
     """The search after a generation.
 
     Args:
-        state: that drew the points.
         points: (N, D) that were scored.
         scores: (N) larger is better; what is not finite is worst.
     """

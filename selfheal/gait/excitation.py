@@ -51,8 +51,6 @@ def plan_excitation(
     Args:
         body: that the robot is believed to have, a batch of one.
         actions: (A, P) joint targets that it can hold [rad]; moves stay among them.
-        count: of the moves.
-        seed: of their phases.
     """
     low, high = actions.min(axis=0), actions.max(axis=0)
     waves = _draw_multisines(count, len(low), np.random.default_rng([seed, 50]))
@@ -92,7 +90,6 @@ def _list_swings(
     Joints as far from the torso swing alike.
 
     Args:
-        body: a batch of one.
         low: (P) and
         high: (P) ends of what joints can hold [rad].
     """

@@ -42,9 +42,7 @@ def draw_values(count: int, size: int, rng: np.random.Generator) -> Floats:
     """Draw values of two decimals in [-1, 1].
 
     Args:
-        count: number of genomes N.
         size: of each, D.
-        rng: draws them.
 
     Returns:
         (N, D) values [1].
@@ -59,9 +57,7 @@ def start_population(
     """A random population, and in it what earlier searches found.
 
     Args:
-        size: values in a genome.
         score: of genomes (N, size), (N).
-        rng: draws them.
         seeds: (S, size) at most as many as the population.
     """
     genomes = draw_values(POPULATION, size, rng)
@@ -83,10 +79,7 @@ def evolve_population(
     simulation has no chance in it.
 
     Args:
-        pool: to begin with.
         score: of genomes (N, D), larger is better.
-        rng: for tournaments, mutations and crossovers.
-        generations: how many.
         mutation: chance that a value is drawn anew [1].
 
     Yields:
@@ -114,7 +107,6 @@ def breed_children(kept: Floats, rng: np.random.Generator, mutation: float) -> F
 
     Args:
         kept: (KEPT, D) genomes that breed, best ones first.
-        rng: for tournaments, mutations and crossovers.
         mutation: chance that a value is drawn anew [1].
 
     Returns:

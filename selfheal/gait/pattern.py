@@ -36,7 +36,6 @@ class Pattern(Protocol):
 
         Args:
             genes: (N, D) of N gaits [1].
-            joints: number of joints P.
             seconds: length of the commands [s].
 
         Returns:
@@ -72,7 +71,6 @@ class PosePattern:
 
         Args:
             genes: (N, D) of N gaits, poses in units of `SWING` [1].
-            joints: number of joints P.
             seconds: length of the commands [s].
 
         Returns:
@@ -119,7 +117,6 @@ class WavePattern:
 
         Args:
             genes: (N, D) of N gaits: middles, sines, cosines, frequency [1].
-            joints: number of joints P.
             seconds: length of the commands [s].
 
         Returns:

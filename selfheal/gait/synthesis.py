@@ -135,8 +135,6 @@ def walk_gait(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> 
     """Simulate a gait on several plants.
 
     Args:
-        plants: N of one attachment tree.
-        gait: that they walk.
         seconds: length of the walk [s].
     """
     joints = plants[0].body.anatomy.size
@@ -194,9 +192,7 @@ def synthesize_gaits(
         plants: (K) rival self-models.
         rungs: by which searches are halved; each that is left at the end gives a gait.
         weights: (K) how likely each is [1].
-        name: of the gaits' pattern.
         heading: direction to walk [rad].
-        seed: of everything random.
         start: a gait that one of the searches starts from.
         progress: called with what is done and how much of it.
     """
@@ -265,9 +261,7 @@ def evaluate_gait(
 
     Args:
         plants: (K) rival self-models.
-        gait: to predict.
         weights: (K) how likely each is [1].
-        seed: of everything random.
     """
     rng = np.random.default_rng([seed, 1])
     chance = np.asarray(weights, float) / np.sum(weights)

@@ -83,10 +83,6 @@ class Log(ABC):
 def check_rows(path: Path, rows: int) -> None:
     """Refuse a log in which nothing can have moved.
 
-    Args:
-        path: of the log.
-        rows: of its longest stream.
-
     Raises:
         InputError: it has one row or none.
     """

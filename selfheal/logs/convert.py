@@ -41,10 +41,6 @@ def import_logs(
 
     Args:
         logs: of one robot; each holds one or more episodes.
-        log_map: which columns are which signals.
-        names: of the model.
-        path: of the recording.
-        map_name: of the map, for messages.
         model: compiled; with it the clocks of streams are compared.
         report: is told the file that is read and the share of it, from 0 to 1.
 
@@ -91,14 +87,7 @@ def import_logs(
 def _resolve_log(
     log: Log, log_map: LogMap, names: ModelNames, map_name: str
 ) -> list[Channel]:
-    """The channels of a log, its commands in the order of the model's actuators.
-
-    Args:
-        log: that holds the columns.
-        log_map: of it.
-        names: of the model.
-        map_name: of the map, for messages.
-    """
+    """The channels of a log, its commands in the order of the model's actuators."""
     channels = resolve_rules(log_map.signals, log, names, map_name)
     check_commands(channels, names, map_name)
     order = {name: k for k, name in enumerate(names.commands)}
@@ -115,7 +104,6 @@ def _list_remarks(
     Args:
         resolved: channels of each log.
         told: kind and target of those in which there was a number.
-        names: of the model.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
     empty = [c for c in signals if (c.kind, c.target) not in told]
@@ -131,7 +119,6 @@ def _scale_report(report: Report, sizes: Sequence[int], k: int) -> Report:
     Args:
         report: is told a file and that share.
         sizes: of the logs [bytes].
-        k: number of the log.
     """
     over, whole = sum(sizes[:k]), max(sum(sizes), 1)
     return lambda file, share: report(

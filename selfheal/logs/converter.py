@@ -186,7 +186,6 @@ class Converter:
         """Since when every command is known.
 
         Args:
-            span: rows of the streams.
             clocks: (n) [s] by stream and delay.
             base: (T) [s] time base.
 
@@ -226,8 +225,6 @@ class Converter:
         """The first number of a command's column, or the last before a row.
 
         Args:
-            channel: of the command.
-            span: rows of the streams.
             blocks: first rows of the blocks to look into, in this order.
             end: row of the episode before which the last one is sought; None: the
                 first one is.
@@ -286,7 +283,6 @@ class Converter:
         """An episode in parts.
 
         Args:
-            span: rows of the streams.
             clocks: (n) [s] by stream and delay.
             base: (T) [s] time base.
             held: (nu) commands when it begins.
@@ -325,13 +321,7 @@ class Converter:
         found: Mapping[tuple[str, float], FoundRows],
         size: int,
     ) -> Floats:
-        """Values (T, d) of a channel in a block; NaN where it has none.
-
-        Args:
-            channel: that is read.
-            found: rows by stream and delay.
-            size: T.
-        """
+        """Values (T, d) of a channel in a block; NaN where it has none."""
         values = np.full((size, max(1, len(channel.columns))), np.nan)
         if not channel.columns:
             values[:] = channel.offset

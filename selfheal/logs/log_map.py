@@ -138,7 +138,6 @@ def parse_map(document: Any, name: str) -> LogMap:
 
     Args:
         document: what `tomllib` makes of it.
-        name: of the file, for messages.
 
     Raises:
         InputError: it states something that is not known.

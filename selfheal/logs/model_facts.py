@@ -118,10 +118,6 @@ def format_servo(model: "mujoco.MjModel", command: str) -> str:
 
     Its gains are left open. It is as strong as the actuator, as far as the model says
     how strong that is. It has no gear, so that its goal is the joint's position.
-
-    Args:
-        model: compiled.
-        command: a control's full name.
     """
     controls = [control.full_name for control in list_controls(model)]
     column = controls.index(command)

@@ -75,9 +75,7 @@ def estimate_offsets(
     (Student's t over their estimates).
 
     Args:
-        episode: of a recording.
         streams: the log's stream of each signal of the episode.
-        model: compiled.
 
     Returns:
         An offset for each stream that moves as the joints do; none where the robot's
@@ -118,10 +116,8 @@ def find_common_lag(
     """By how much all positions follow their commands, where their clocks may differ.
 
     Args:
-        episode: of a recording.
         streams: the log's stream of each signal.
         sources: the log's stream of each actuator's command.
-        model: compiled.
 
     Returns:
         Shortest and longest lag [s]; None where commands and positions share a stream,

@@ -59,9 +59,6 @@ def resolve_rules(
     """Find the columns and the targets that rules speak of.
 
     Args:
-        rules: of a map.
-        log: that holds the columns.
-        names: of the model.
         file: name of the map, for messages.
 
     Returns:
@@ -243,8 +240,6 @@ def _find_range(
 
     Args:
         kind: of the signal, or "command".
-        target: its name.
-        names: of the model.
     """
     if kind == COMMAND:
         kind, target = (
@@ -301,8 +296,6 @@ def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) ->
     """Refuse a map that leaves an actuator without its command.
 
     Args:
-        channels: of the map.
-        names: of the model.
         file: name of the map, for messages.
 
     Raises:

@@ -44,9 +44,6 @@ class Spool:
     def __init__(self, folder: Path) -> None:
         """Open the file.
 
-        Args:
-            folder: on whose disk it is.
-
         Raises:
             InputError: nothing can be written there.
         """
@@ -103,9 +100,6 @@ class Spool:
         """Rows of a column, (n).
 
         Args:
-            stream: that it is in.
-            column: its name.
-            start: first row.
             end: row behind the last one; -1: all that there are.
         """
         count = self.rows.get(stream, 0)
@@ -122,12 +116,7 @@ class Spool:
         return found[:done]
 
     def find_text(self, stream: str, column: str) -> str | None:
-        """A text of a column, one that is no number if there is; None: of numbers.
-
-        Args:
-            stream: that it is in.
-            column: its name.
-        """
+        """A text of a column, one that is no number if there is; None: of numbers."""
         texts = self._labels.get((stream, column), {})
         others = (t for t in texts if t and np.isnan(convert_number(t)))
         return next(others, next(iter(texts), None))

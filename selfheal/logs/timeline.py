@@ -62,9 +62,7 @@ def read_clock(clock: Clock, column: Floats | None, rows: int, factor: float) ->
     """Times of a stream's rows, (N) [s].
 
     Args:
-        clock: of the stream.
         column: (N) of the time, None to count rows.
-        rows: N, how many.
         factor: [s] of a unit of the column, or from row to row.
     """
     time = np.arange(rows, dtype=float) if column is None else column
@@ -101,10 +99,6 @@ def split_episodes(
     An episode ends where the label changes and where the marking stream has a row. It
     ends where no stream has a row for longer than the gap, too, and where the time of a
     lone stream begins again.
-
-    Args:
-        streams: by name.
-        rule: what parts them.
 
     Returns:
         Episodes in the order of time, or of the log where its time begins again; and

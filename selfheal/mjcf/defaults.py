@@ -24,10 +24,6 @@ def fold_into_defaults(
 
     What a joint states itself stays there, and models whose elements MuJoCo multiplies
     stay as they are.
-
-    Args:
-        path: of the MJCF.
-        edits: of its text.
     """
     document = MjcfDocument(path)
     classes = document.list_default_classes()

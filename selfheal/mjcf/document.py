@@ -53,7 +53,6 @@ class MjcfDocument:
         """Read a model's files.
 
         Args:
-            path: of the model.
             text: that stands for the file's, in its folder.
             in_place: whether the user's own files are edited where they are: those in
                 the model's folder are not inlined, and a URDF stays one.
@@ -206,7 +205,6 @@ class MjcfDocument:
         """Change attributes of a setting in the element that has the last word on each.
 
         Args:
-            tag: of the setting.
             attributes: values as MJCF writes them, None to remove one.
         """
         for name, value in attributes.items():
@@ -223,7 +221,6 @@ class MjcfDocument:
         """Put a text into an element of the main file.
 
         Args:
-            parent: the element.
             xml: the text; its indentation is adapted.
             first: whether it comes before all other children.
 

@@ -110,11 +110,6 @@ def _format_digits(value: float) -> str:
 def unified_diff(given: str, new: str, name: str) -> str:
     """Unified diff of two versions of a file, as `git apply` and `patch -p1` take it.
 
-    Args:
-        given: the file's text.
-        new: its changed text.
-        name: of the file.
-
     Returns:
         The diff; empty where the texts are equal.
     """
@@ -157,7 +152,6 @@ def diff_edits(path: str | os.PathLike[str], edits: Sequence[Edit]) -> str:
     """Unified diff of what edits change in the model's own files, in its folder.
 
     Args:
-        path: an MJCF.
         edits: as of `apply_edits`; so are the errors.
 
     Returns:

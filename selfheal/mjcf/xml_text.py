@@ -183,8 +183,6 @@ def parse(text: str, home: str, where: str) -> Element:
     """Parse a text into the element of its file.
 
     Args:
-        text: of the file.
-        home: folder of the file.
         where: what an error calls the text.
 
     Raises:
@@ -273,10 +271,8 @@ def replace_children(
     """Replace children of an element.
 
     Args:
-        parent: the element; changed.
         at: index of the first child that is replaced.
         pieces: elements and texts that become children.
-        replaced: how many children are replaced.
     """
     for piece in pieces:
         if isinstance(piece, Element):

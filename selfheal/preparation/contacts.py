@@ -37,10 +37,6 @@ def draw_pose(model: "mujoco.MjModel", rng: np.random.Generator) -> Floats:
     """A random pose (nq) within the joints' ranges [m, rad; quaternions].
 
     Free joints and slides without a range stay; joints that follow others do so.
-
-    Args:
-        model: compiled.
-        rng: to draw from.
     """
     import mujoco
 

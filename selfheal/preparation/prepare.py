@@ -52,7 +52,6 @@ def prepare_model(
     Args:
         path: of the URDF or MJCF.
         folder: where the text will lie; meshes are still found from there.
-        gains: of the drives.
         weld_base: whether bodies with a free joint lose it.
         without_contacts: whether shapes that give no inertia are left out.
 

@@ -29,7 +29,6 @@ def check_episode(name: str, episode: Episode, file: str) -> None:
     """Refuse an episode that breaks the contract.
 
     Args:
-        name: its id.
         episode: or a part of one.
         file: that it is in, for the message.
 

@@ -120,8 +120,6 @@ def find_single_columns(
     """Columns of actuators that have one control each, whatever else there is.
 
     Args:
-        names: of the columns.
-        actuators: whose columns are sought.
         where: the columns are, for the message.
 
     Raises:

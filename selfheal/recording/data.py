@@ -141,9 +141,7 @@ def name_signal(kind: str, target: str, taken: Mapping[str, Any]) -> str:
     """A name for a signal that no other has: "elbow_position", say.
 
     Args:
-        kind: of the contract.
         target: of the model, or "".
-        taken: names that others have.
     """
     word = kind.removeprefix("joint_").removeprefix("body_")
     parts = [target, "" if kind == "sensor" else word]

@@ -210,7 +210,6 @@ def _build_recording(
         ctrl: (T) by actuator.
         signals: (T) or (T, d) by kind and target.
         names: of the model, which has the units; None: those of hinges.
-        episode: its id.
         qpos0: (nq) position at time[0], or None.
         qvel0: (nv) velocity at time[0], or None.
         motion: label or None.
@@ -266,7 +265,6 @@ def _read_table(
     Args:
         frame: pandas or polars data frame, or anything that gives a column by name.
         time: name of the column of times [s].
-        ctrl: names of columns by actuator.
         signals: names of columns, or a list of them for a vector, by kind and target.
 
     Returns:

@@ -32,7 +32,6 @@ def read(path: str | os.PathLike[str], *, model: str = MODEL) -> Recording:
     """Read and check a recording; nothing outside the file is ever opened.
 
     Args:
-        path: of the file.
         model: of the robot, for a message that says how a log is imported.
 
     Raises:

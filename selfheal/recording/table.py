@@ -37,7 +37,6 @@ def list_signals(
     """Values (T) and unit of each signal's column, by its name.
 
     Args:
-        episode: of a recording.
         group: `SIGNALS` or `PREDICTED`; of these a column without any value is left
             out, for no model predicts it.
     """
@@ -60,9 +59,7 @@ def list_columns(
     """Values (T) and unit of all columns of an episode, by their names.
 
     Args:
-        recording: with the episode.
         predicted: of the same samples, or None.
-        name: of the episode.
     """
     episode = recording.episodes[name]
     beside = list_signals(predicted.episodes[name], PREDICTED) if predicted else {}
@@ -77,7 +74,6 @@ def build_table(
     Its first columns are `episode` and `time`; `find_unit` has a column's unit.
 
     Args:
-        recording: of a robot.
         predicted: the same samples as a model predicts them.
 
     Raises:

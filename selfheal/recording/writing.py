@@ -129,8 +129,6 @@ def _write_rows(
     """A dataset that can be extended.
 
     Args:
-        group: that it is in.
-        name: of it.
         values: (T, ...) its first rows.
         compression: as h5py has it.
     """

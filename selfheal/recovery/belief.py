@@ -151,7 +151,6 @@ def choose_action(
     """The action after which the damage can be expected to be known best.
 
     Args:
-        candidates: actions.
         log_weight: (H) belief so far.
         group: (H) hypotheses of one group need not be distinguished.
         rng: draws the outcomes that are imagined.

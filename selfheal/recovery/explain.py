@@ -155,11 +155,8 @@ def simulate_hypotheses(
     """Robots as hypotheses have them, all under one controller.
 
     Args:
-        robot: as it was built.
         scaling: (2 + D) or (H, 2 + D) factors, see `engine.reflex.scale_physics`.
-        hypotheses: H of them.
         weights: (W) of the controller's synapses [1].
-        rows: samples of the series.
 
     Returns:
         What H robots did in so many samples.
@@ -214,7 +211,6 @@ def estimate_damage(
     """How likely each damage is after trials.
 
     Args:
-        robot: as it was built.
         scalings: (K, 2 + D) likely factors, see `engine.reflex.scale_physics`.
         trials: at least one.
         before: (T, S) what the robot sensed under the first trial's controller when it

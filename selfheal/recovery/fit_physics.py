@@ -49,7 +49,6 @@ def fit_physics(
     """(K, 2 + D) factors with which the model walks as the robot did, the best first.
 
     Args:
-        robot: as it was built.
         weights: (W) of the controller's synapses [1].
         sensed: (T, S) what the whole robot sensed; see `engine.reflex.Rollouts`.
         rng: draws where to look.

@@ -31,10 +31,8 @@ def heal_robot(
     """Walk, notice the damage, find it, walk again; a yield a phase, result at the end.
 
     Args:
-        robots: act.
         models: rival self-models of the whole robot (K), best first.
         weights: (K) how likely each is.
-        settings: what to do.
         run: one to go on with, made by the same robots and settings; None = start.
         progress: called with the phase, what is done, and how much of it.
     """

@@ -68,10 +68,8 @@ def heal_for_hours(
     """Walk for hours and heal after each alarm; a yield a phase, result at the end.
 
     Args:
-        robot: whole.
         models: rival self-models of the whole robot (K), best first.
         weights: (K) how likely each is.
-        settings: with hours.
         run: one to go on with, made by the same robot and settings; None = start.
         progress: called with the phase, what is done, and the share of the hours
             that is over.

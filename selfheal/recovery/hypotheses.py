@@ -32,7 +32,6 @@ def list_damages(
     """Everything that may have happened, coarsely; nothing comes first.
 
     Args:
-        anatomy: of the robot.
         angles: (P) of the joints when the alarm was raised [rad]: a jam may be there.
         gone: targets to which nothing more can happen.
     """
@@ -91,9 +90,7 @@ def refine_damages(
     """Hypotheses between the best ones of the likeliest groups and their neighbors.
 
     Args:
-        damages: H.
         log_weight: (H) belief in each.
-        count: groups that are refined.
 
     Returns:
         New ones, none where all are fine enough.

@@ -99,7 +99,6 @@ def compute_window_means(
     Args:
         sensed: (S, C) channels.
         cycle: of the gait [s].
-        names: of the C channels.
 
     Returns:
         (W, C) means.
@@ -128,7 +127,6 @@ def learn_baseline(
         sensed: (S, C), and
         predicted: (S, C) channels of a walk of several cycles.
         cycle: [s].
-        channels: of the robot.
     """
     gap = _compute_residuals(sensed, predicted, cycle, channels)[
         _count_skipped_windows(cycle) :
@@ -170,7 +168,6 @@ def _score_stillness(still: np.ndarray, known: Baseline) -> Floats:
 
     Args:
         still: (W, C) of windows that begin at a cycle's first quarter.
-        known: how it was.
 
     Returns:
         0 where a window does not count, -inf where a channel does not stand still.
@@ -262,7 +259,6 @@ def watch_walk(
         sensed: (S, C), and
         predicted: (S, C) channels.
         known: from a walk of the same gait.
-        channels: of the robot.
         after: [s] before which nothing is looked at, the walk's start in any case.
     """
     skip = max(
@@ -308,8 +304,6 @@ def _find_alarm(
     Args:
         end: (W) end of each window, which is `step` long.
         sums: of the channels, and perhaps of all together.
-        limit: the threshold.
-        channels: of the robot.
         step: see `end`.
         misfit: (W, C) of each channel, to say which is worst.
     """

@@ -133,7 +133,6 @@ def run_phases(
     Args:
         run: to begin with, or to go on with.
         step: gives the next phase's name and what came of it; None at the end.
-        result: of all phases.
     """
     if run.result:
         yield run

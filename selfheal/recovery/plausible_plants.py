@@ -42,7 +42,6 @@ def find_plausible_plants(
 
     Args:
         plant: what it is believed to be.
-        probe: a walk.
         measured: (S, C) channels of the whole robot, walking so for as long or longer.
         rng: draws what else it may be.
     """
@@ -79,11 +78,6 @@ def _compute_effective_share(predicted: Floats) -> float:
 
 def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) -> Floats:
     """Predict a walk of every likely robot after every damage.
-
-    Args:
-        known: the K robots.
-        damages: H of them.
-        probe: that walks.
 
     Returns:
         (H, K, M) values that count.

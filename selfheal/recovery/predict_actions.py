@@ -52,8 +52,6 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
     """Read both robots' every action, and predict it for every damage.
 
     Args:
-        whole: before.
-        broken: offers the same actions.
         model: of the whole robot (1).
     """
     plant, parts = build_rated_plant(model), whole.anatomy.parts

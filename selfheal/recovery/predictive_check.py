@@ -41,11 +41,8 @@ def is_refuted(
     """Whether a belief's prediction of moves fails sooner than that of any twin.
 
     Args:
-        robot: as it was built.
         scalings: (K, 2 + D) likely factors, see `engine.reflex.scale_physics`.
-        belief: what may have happened.
         trials: moves, not fitted by the belief if the false alarms are to hold.
-        rng: draws the twins.
     """
     factors = rng.integers(len(scalings), size=_TWINS)
     twins = _draw_twins(belief, rng)
@@ -89,9 +86,7 @@ def _score_move(
     """How well a move of each twin, then of the robot, is predicted so far.
 
     Args:
-        robot: as it was built.
         scalings: (K, 2 + D) likely factors of its physics.
-        belief: its H hypotheses predict.
         trial: the move, and what the robot answered.
         factors: (N, 2 + D) of each twin.
         twins: N hypotheses that are true of them.

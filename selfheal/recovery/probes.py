@@ -100,9 +100,7 @@ def extract_values(probe: Probe, sensed: Floats, names: Sequence[str]) -> Floats
     second half means, spreads and the velocity.
 
     Args:
-        probe: that was taken.
         sensed: (..., S, C) channels.
-        names: of the C channels.
 
     Returns:
         (..., M) values.
@@ -124,8 +122,6 @@ def predict_values(plants: Sequence[Plant], probe: Probe, bias: Floats) -> Float
     """(H, M) values of a probe on plants, by MuJoCo; NaN where it failed.
 
     Args:
-        plants: H.
-        probe: the action.
         bias: (M) by which the whole robot was off what is predicted of it.
     """
     channels = list_channels(plants[0].body.anatomy)

@@ -77,8 +77,6 @@ def recover_robot(
     """Walk, break, find out what broke, walk again; a yield a phase, result at the end.
 
     Args:
-        robot: while it is whole.
-        settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
         progress: called with the phase, what is done, and how much of it.
     """

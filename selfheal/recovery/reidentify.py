@@ -186,8 +186,6 @@ class DamagePosterior:
         """Take note of what a probe gave, then refine the hypotheses.
 
         Args:
-            probe: number of the probe.
-            why: it was taken.
             sensed: (S, C) channels.
         """
         measured = extract_values(self.probes[probe], sensed, self._names)

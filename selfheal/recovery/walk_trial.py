@@ -32,12 +32,7 @@ def walk_trial(
     """Synthesize a gait from what a run believes, and walk it on the robot.
 
     Args:
-        run: of self-modeling.
-        robot: of that run.
-        name: of the gait's pattern.
         heading: direction to walk [rad].
-        seed: of everything random.
-        progress: called with what is done.
 
     Returns:
         What `selfheal gait --json` prints. Energy is the positive mechanical work of

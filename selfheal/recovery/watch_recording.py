@@ -45,7 +45,6 @@ def watch_recording(
     watched in their order, as one.
 
     Args:
-        body: a batch of one.
         recording: signals as `robot.base.Walker` names them.
         learn: [s] at the start of each episode; None = a third of it.
         cycle: [s] in which the commands repeat; None = found in them.

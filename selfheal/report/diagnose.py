@@ -56,8 +56,6 @@ def make_diagnosis_page(
     """The page of a diagnosis, as one self-contained HTML text.
 
     Args:
-        diagnosis: to be shown.
-        model: the file that was given.
         recordings: the files that it was compared with.
     """
     with use_page_style():

@@ -147,8 +147,6 @@ def draw_body(
     """Draw one body, its middle where the camera has it, a meter as one unit.
 
     Args:
-        ax: takes the drawing.
-        body: a batch of one.
         camera: see `Camera`; its target is moved to the body's middle.
         colors: of each part.
         numbers: whether parts carry their numbers, from 1.

@@ -26,7 +26,6 @@ def format_error(value: object, unit: str) -> str:
 
     Args:
         value: of a document [unit].
-        unit: SI.
     """
     read_as, size = READ_AS.get(unit, (unit, 1.0))
     error = size * parse_number(value)

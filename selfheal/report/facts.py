@@ -26,10 +26,6 @@ def choose_channels(run: Run, most: int) -> list[int]:
     """Channels to show: those of the stated error, at most the worst predicted ones.
 
     Channels that no action read are left out, unless there are no others.
-
-    Args:
-        run: with a cycle.
-        most: how many.
     """
     channels = list_channels(run.anatomy)
     measured = np.array([cycle.felt for cycle in run.cycles])
@@ -154,13 +150,7 @@ def list_rivals(run: Run) -> list[Rival]:
 
 
 def list_differences(run: Run, genomes: Genomes, row: int) -> list[str]:
-    """What sets a body apart from the first one, a phrase a part.
-
-    Args:
-        run: of self-modeling.
-        genomes: of its rivals, best first.
-        row: of the body among them.
-    """
+    """What sets a body apart from the first one, a phrase a part."""
     bodies = build_bodies(run.anatomy, genomes[np.array([0, row])])
     moved = 1000 * np.linalg.norm(bodies.anchor[1] - bodies.anchor[0], axis=1)
     turned = np.degrees(bodies.heading[1] - bodies.heading[0])

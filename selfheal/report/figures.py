@@ -53,13 +53,7 @@ def _make_figure(height: float) -> "Figure":
 
 
 def choose_colors(run: Run, bodies: Bodies, row: int = 0) -> list[str]:
-    """The color of each part: right or wrong where the truth is known.
-
-    Args:
-        run: of self-modeling.
-        bodies: a batch of bodies.
-        row: which of them.
-    """
+    """The color of each part: right or wrong where the truth is known."""
     right = find_right_edges(run, bodies[row : row + 1])
     if right is None:
         return [NEUTRAL] * run.anatomy.size

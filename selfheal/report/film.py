@@ -26,7 +26,6 @@ def make_film(
     """Walks below each other, every fifth of a second at double speed.
 
     Args:
-        lanes: what to show.
         heading: direction that is shown to the right [rad].
         caption: below; also what a screen reader says.
         sample: seconds between the rows of a lane.
@@ -50,7 +49,6 @@ def join_strips(
     """Pictures of several strips, each below its title.
 
     Args:
-        titles: of the strips.
         shown: (strips, frames, height, width, 3) uint8.
         beside: whether strips are beside each other, instead of below.
     """

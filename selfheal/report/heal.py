@@ -38,7 +38,6 @@ def make_heal_page(run: HealRun, models: Bodies) -> str:
     """The page of a finished heal.
 
     Args:
-        run: with its result.
         models: the self-models (K) that it started from, best first.
     """
     found = run.phases["verdict"]["believed"]

@@ -37,7 +37,6 @@ def make_hours_page(run: HealRun, models: Bodies) -> str:
     """The page of finished hours.
 
     Args:
-        run: with its result.
         models: the self-models (K) that it started from, best first.
     """
     head = make_paragraph(

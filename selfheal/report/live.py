@@ -42,7 +42,6 @@ def make_live_curves(traces: Sequence[Trace], fig: "Figure") -> tuple[Html, list
     """Places for the curves of traces, and the scripts that draw them there.
 
     Args:
-        traces: to be drawn.
         fig: as `figures.draw_traces` draws them, whose titles and limits these have.
     """
     from bokeh.embed import json_item

@@ -33,7 +33,6 @@ def find_marks(model: "MjModel", diagnosis: Diagnosis) -> tuple[list[Mark], list
     """Where on the robot the findings are, and those that are nowhere on it.
 
     Args:
-        model: compiled.
         diagnosis: with findings, and signals that say what they read.
     """
     reads = {signal.name: signal.reads for signal in diagnosis.signals}

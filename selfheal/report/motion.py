@@ -55,7 +55,6 @@ def pose_skeleton(
     """Where a posed body's parts are.
 
     Args:
-        body: a batch of one.
         position: (3) of the torso [m].
         orientation: (4) of the torso, quaternion.
         angles: (P) of the joints [rad].
@@ -92,7 +91,6 @@ def draw_animation(
     """Walks below each other, drawn every fifth of a second at double speed.
 
     Args:
-        lanes: what to draw.
         heading: direction that is drawn to the right [rad].
         caption: below; also what a screen reader says.
         sample: seconds between the rows of a lane.
@@ -109,9 +107,7 @@ def embed_animation(picture: bytes, kind: str, caption: str) -> Html:
     """A moving picture with its caption, inline.
 
     Args:
-        picture: coded.
         kind: "gif" or "webp".
-        caption: below it.
     """
     coded = base64.b64encode(picture).decode("ascii")
     shown = Html('<img alt="{}" src="data:image/{};base64,{}">')

@@ -67,7 +67,6 @@ def make_table(
     """A table.
 
     Args:
-        head: the columns' names.
         rows: cells, a row as long as `head`.
         align: one letter a column: l left, r right (numbers).
     """
@@ -166,8 +165,6 @@ def make_page(
     """The whole page.
 
     Args:
-        title: of the page.
-        sections: in order.
         lead: a few sentences below the title.
         scripts: that it runs in the end, and no others: its policy has their digests.
     """

@@ -114,7 +114,6 @@ def draw_paths(
     Args:
         paths: title, color, and (S) to the right and (S) up [m] of each.
         forward: what is to the right, in words; up is to its left.
-        caption: below.
     """
     from matplotlib.figure import Figure
 

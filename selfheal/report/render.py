@@ -120,7 +120,6 @@ def render_lanes(
     """All lanes as one camera sees them, which stands still, the way to the right.
 
     Args:
-        lanes: walks.
         heading: direction that is to the right [rad].
         rows: which rows of the lanes to render.
 
@@ -156,7 +155,6 @@ def find_view(
         heading: horizontal direction that is to the right [rad].
         elevation: of the camera above the horizon [rad].
         flattest: least height of the picture by its width.
-        steepest: largest one.
     """
     right = np.array([np.cos(heading), np.sin(heading), 0.0])
     level = np.array([right[1], -right[0], 0.0])
@@ -183,8 +181,6 @@ def furnish(spec: "MjSpec", view: View, size: tuple[int, int]) -> None:
     """Give a model white above, soft light, and the camera of a view.
 
     Args:
-        spec: of the model; changed.
-        view: of the camera.
         size: height and width of its pictures [px].
     """
     import mujoco

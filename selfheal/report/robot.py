@@ -190,9 +190,7 @@ def _embed_picture(
 
     Args:
         shown: (height, width, 3) uint8.
-        view: of the camera.
         poses: of which the first measured ones are shown.
-        marks: of the findings.
         elsewhere: findings that are nowhere on the robot.
     """
     from scipy.spatial.transform import Rotation

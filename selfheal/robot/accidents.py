@@ -44,8 +44,6 @@ def draw_damage(
     """Draw a damage: one of the kinds, each as likely, then its target and value.
 
     Args:
-        anatomy: the robot's parts.
-        rng: draws it.
         kinds: of damage that may be drawn.
     """
     kind = str(rng.choice(kinds))
@@ -83,7 +81,6 @@ def draw_strikes(
         body: the robot's, whole, a batch of one.
         seconds: how long [s].
         rest: pause before the first, and after each [s].
-        rng: draws them.
     """
     mean, time = min(_MEAN_TIME, seconds / 2), 0.0
     strikes, growing = list[Strike](), list[Damage]()

@@ -99,7 +99,6 @@ def refuse_arguments(name: str, argument: str, recordings: Path | None) -> None:
     """Refuse an argument or a recording that this robot has no use for.
 
     Args:
-        name: of the robot.
         argument: what stood after the colon of its name.
         recordings: file of readings, or None.
 

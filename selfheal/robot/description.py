@@ -280,7 +280,6 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
 
     Args:
         path: of a TOML, or of an MJCF as `body.mjcf.load` reads it.
-        seed: of a simulated robot's chances.
         recordings: a file that it answers from, or None.
 
     Raises:

@@ -136,10 +136,8 @@ def drive_by_class(
     """The robot behind a class, which follows commands over time if that does.
 
     Args:
-        path: of the description.
         anatomy: what is known of its parts.
         actions: (A, P) joint targets that it offers [rad].
-        driver: FILE.py:CLASS beside the description.
         truth: its body, None if nobody knows it.
 
     Raises:

@@ -14,8 +14,6 @@ def read_channels(
     """Read the channels of one episode; see `engine.walk.list_channels`.
 
     Args:
-        recording: of the robot.
-        anatomy: its parts.
         episode: name of the episode; None = the first.
 
     Returns:

@@ -44,9 +44,7 @@ def replay(
     """A robot that offers the actions of a recording, each once.
 
     Args:
-        name: of the robot.
         recording: an episode an action; the last row of its ctrl is the target.
-        anatomy: of the robot.
         truth: its body, None if nobody knows it.
 
     Raises:
@@ -70,13 +68,7 @@ def _read_target(episode: Episode, servos: list[str], where: str) -> Floats:
 
 
 def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRobot:
-    """The physical robot of 2006, answering from --recordings intact.h5.
-
-    Args:
-        argument: must be empty.
-        seed: unused, for nothing is random.
-        recordings: file of its readings.
-    """
+    """The physical robot of 2006, answering from --recordings intact.h5."""
     if argument:
         raise InputError(
             f"robot 'starfish-2006' takes no argument, so not {argument!r}"

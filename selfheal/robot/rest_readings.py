@@ -25,7 +25,6 @@ def name_signal_of(sensor: str, anatomy: Anatomy) -> str:
 
     Args:
         sensor: its name, see `engine.channels`.
-        anatomy: of the robot.
     """
     kind, _, part = sensor.partition(":")
     joint = anatomy.joints[anatomy.parts.index(part)] if part else ""
@@ -96,7 +95,6 @@ def make_rest_episode(
     """The episode of an action: from all joints at zero to a target, then at rest.
 
     Args:
-        anatomy: of the robot.
         time: (3) of the start, of the target reached, and at rest [s].
         target: (P) of the joints [rad].
         read: by sensor, what its signal (3) or (1) says at rest.

@@ -32,11 +32,6 @@ SCENARIOS = {
 def draw_scenario(number: int, robot: LeggedRobot, seed: int) -> tuple[Damage, ...]:
     """The damages of a scenario; which legs they strike is drawn.
 
-    Args:
-        number: of the scenario.
-        robot: that is damaged.
-        seed: of the draw.
-
     Raises:
         InputError: there is no such scenario.
     """

@@ -140,7 +140,6 @@ def starfish(argument: str, seed: int, recordings: Path | None) -> SimulatedRobo
     """A simulated starfish; its body, servo errors and physics are hidden.
 
     Args:
-        argument: must be empty.
         seed: of its noise and of its hidden physics.
         recordings: must be None.
     """

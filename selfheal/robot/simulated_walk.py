@@ -26,10 +26,7 @@ def draw_hidden_plant(
     """The plant behind a simulated robot: off the rated one by up to a fifth.
 
     Args:
-        physics: of the robot's rest poses.
-        body: a batch of one.
         offset: (P) of each joint's zero [rad].
-        rng: draws the rest.
     """
     stated = build_rated_plant(body)
     off = rng.uniform(1 - _RATED_DEVIATION, 1 + _RATED_DEVIATION, 2)
@@ -65,8 +62,6 @@ def simulate_move(
         plant: behind the robot before any damage.
         commands: (T, P) joint commands [rad].
         strikes: what happens in the move, in order of time.
-        rng: of wobble and sensor noise.
-        name: of the robot.
     """
     sent = commands + _draw_wobble(commands.shape, rng)
     every = round(SAMPLE / PERIOD)

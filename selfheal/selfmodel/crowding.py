@@ -43,7 +43,6 @@ def run_generation(
         genes: (N, G) in [0, 1], N even.
         errors: (N) of them.
         score: errors of genes (M, G); a failed one's is infinite.
-        rng: for pairs and children.
 
     Returns:
         (N, G) genes and (N) errors.

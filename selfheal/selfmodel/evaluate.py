@@ -110,8 +110,6 @@ class Evaluator:
         """See the class.
 
         Args:
-            anatomy: of the robot.
-            engine: the predictions come from it.
             actions: (A, P) joint targets [rad].
             loss: of one action; None: ours.
             progress: is told the simulations so far.
@@ -180,8 +178,6 @@ class Evaluator:
         """Losses of genomes; see `compute_body_losses`.
 
         Args:
-            genomes: N bodies.
-            evidence: n actions and their channels.
             bound: (N, n) or (N) loss at which a body is given up.
             order: (n) or (N, n) positions in the evidence, first to last to be tried.
             other_rest: (N) or one: loss of a pose that a body can rest in, though it
@@ -207,8 +203,6 @@ class Evaluator:
         """Losses over the evidence, abandoned once they reach a bound.
 
         Args:
-            bodies: N candidates.
-            evidence: n actions and readings.
             bound: (N, n) or (N): a candidate is given up if its loss after k + 1
                 actions has reached bound[:, k].
             order: (n) or (N, n) positions in the evidence, first to last to be

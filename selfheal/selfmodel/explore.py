@@ -54,7 +54,6 @@ def find_indistinguishable(
     An action under which a body's channels are not known, NaN, tells nothing.
 
     Args:
-        found: the hypotheses.
         table: (A, C) of the body.
         weight: (C) of the channels in the loss [1/unit].
     """
@@ -72,7 +71,6 @@ def draw_voters(
     """Draw bodies by belief at even distances, each once.
 
     Args:
-        found: what is believed possible.
         rng: for where the first distance begins.
         temperature: loss that makes a body e times less likely.
 
@@ -154,9 +152,7 @@ def choose_first_action(
     """Draw one of the actions that send most like parts apart, all equally likely.
 
     Args:
-        twins: symmetry of the robot.
         actions: (A, P) joint targets [rad].
-        rng: draws it.
     """
     apart = count_contrasts(twins, actions)
     return int(rng.choice(np.flatnonzero(apart == apart.max())))
@@ -172,12 +168,6 @@ def choose_action(score: Floats, tried: tuple[int, ...]) -> int:
 def choose_random_action(
     count: int, tried: tuple[int, ...], rng: np.random.Generator
 ) -> int:
-    """Draw an untried action, all equally likely.
-
-    Args:
-        count: number of actions.
-        tried: actions that were tried.
-        rng: draws it.
-    """
+    """Draw an untried action, all equally likely."""
     left: Ints = np.setdiff1d(np.arange(count), tried)
     return int(left[rng.integers(len(left))])

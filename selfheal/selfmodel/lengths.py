@@ -61,7 +61,6 @@ def estimate_lengths(
         sensors: names of `schema.CHANNELS` that are heard.
         stages: how many poses are asked for before each estimation. All are chosen,
             by what is believed so far; at random where feet alone are heard.
-        rng: of everything random.
 
     Returns:
         The best model (1), and the simulations, those for choosing poses included.

@@ -315,8 +315,6 @@ def identify_body(
     """Find out what a robot's body is, a yield a cycle; the last one has the result.
 
     Args:
-        robot: acts.
-        settings: what to do.
         run: one to go on with, made by the same robot and settings; None = start.
         progress: called with the search's simulations so far now and then.
 

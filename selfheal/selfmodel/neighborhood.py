@@ -91,12 +91,7 @@ class Neighborhood:
         self._losses: dict[int, Floats] = {}  # of the distinct twins of each family
 
     def update(self, rivals: RivalSet, evidence: Evidence) -> None:
-        """Take in the rivals, and what is around the best, given new evidence.
-
-        Args:
-            rivals: of the search.
-            evidence: so far.
-        """
+        """Take in the rivals, and what is around the best, given new evidence."""
         with self.evaluator.count_as_choice():
             if not len(self.bodies):
                 likely = self.finder.alike[:_MOST_KEPT]

@@ -36,8 +36,6 @@ def mutate_genes(
 
     Args:
         genes: (P) in [0, 1].
-        slips: quirks of the released program.
-        rng: draws the mutation.
 
     Returns:
         (P) genes in [0, 1].
@@ -97,13 +95,7 @@ class Climbers(ABC):
     def climb(
         self, evidence: Evidence, generations: int, rng: np.random.Generator
     ) -> None:
-        """Climb for some generations, the newest action first.
-
-        Args:
-            evidence: so far.
-            generations: how many.
-            rng: draws children.
-        """
+        """Climb for some generations, the newest action first."""
         if not len(self.genes):
             self.genes = self.draw_first(rng)
         order = np.arange(len(evidence))[::-1]

@@ -25,10 +25,8 @@ def find_plainest(
     under any action, and the readings make it no more than e times less likely.
 
     Args:
-        evaluator: simulates and counts.
         genome: (1) the best body.
         table: (A, C) its channels under every action.
-        evidence: so far.
 
     Returns:
         The genome (1), and its table (A, C).
@@ -53,13 +51,7 @@ def find_plainest(
 
 
 def put_plainest_first(cycle: Cycle, evaluator: Evaluator, evidence: Evidence) -> Cycle:
-    """A cycle with the plainest of bodies like its best one before that.
-
-    Args:
-        cycle: the last one.
-        evaluator: simulates and counts.
-        evidence: of all cycles.
-    """
+    """A cycle with the plainest of bodies like its best one before that."""
     plain, table = find_plainest(
         evaluator, cycle.genomes[:1], cycle.tables[0], evidence
     )

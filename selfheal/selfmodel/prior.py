@@ -35,10 +35,6 @@ def count_rules(anatomy: Anatomy, genomes: Genomes) -> tuple[Ints, Ints]:
     starfish has three: a lower leg bears nothing, an upper leg a lower one at its
     front, the torso an upper one at each side. So has a chain of equal links.
 
-    Args:
-        anatomy: the robot's parts.
-        genomes: N bodies.
-
     Returns:
         (N) numbers, and (N) of the kinds that bear a part not at their front.
     """
@@ -100,9 +96,7 @@ def compute_prior_cost(anatomy: Anatomy, space: BodySpace, genomes: Genomes) -> 
     part, straight on as often as at its other three sides.
 
     Args:
-        anatomy: the robot's parts.
         space: that they lie in; where it has hinges, a place has any of them, too.
-        genomes: N bodies.
     """
     places = 2 * anatomy.size * (len(HINGE_NAMES) if space.hinges else 1)
     rules, bent = count_rules(anatomy, genomes)
@@ -117,12 +111,6 @@ def draw_alike_genomes(
     The parts of a kind hang on the torso, at even distances round it, or in a row on
     each other, or evenly on the parts of another kind. Or all parts that are left hang
     in one row, whatever their kind.
-
-    Args:
-        anatomy: the robot's parts.
-        space: that the bodies lie in.
-        count: number of draws.
-        rng: draws them.
 
     Returns:
         The valid ones, the likeliest first.
@@ -173,13 +161,7 @@ def _draw_alike(
 def _place_group(
     group: Ints, hosts: list[Ints], rng: np.random.Generator
 ) -> tuple[Ints, Floats]:
-    """Parents and placements [rounds] of the parts of a group (m), drawn alike.
-
-    Args:
-        group: indices of its parts.
-        hosts: groups that have their places.
-        rng: draws the places.
-    """
+    """Parents and placements [rounds] of the parts of a group (m), drawn alike."""
     count, side = len(group), int(rng.integers(_SIDES))
     fits = [host for host in hosts if count % len(host) == 0]
     choice = int(rng.integers(len(fits) + 1 + (count > 1)))

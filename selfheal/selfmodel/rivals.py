@@ -48,7 +48,6 @@ class RivalSet:
         Args:
             genome: (1) of the peak.
             table: (A, C) its channels under every action.
-            loss: of the peak.
         """
         twin = np.flatnonzero(_has_same_structure(self.genomes, genome))
         if len(twin) and self.losses[twin[0]] <= loss:

@@ -87,11 +87,8 @@ def estimate_scales(
     """Find out how long a damaged robot's parts are, a yield an action.
 
     Args:
-        robot: acts.
         known: (1) the body before the damage; its tree and placements stay.
         method: "paper", "disagreement", "random-batch" or "random-alternate".
-        cycles: actions to try.
-        seed: of everything random.
     """
     engine = make_engine("statics")
     evaluator = Evaluator(robot.anatomy, engine, actions=robot.actions, loss=PAPER_LOSS)

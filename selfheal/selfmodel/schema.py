@@ -31,9 +31,7 @@ def simulate_channels(bodies: Bodies, targets: Floats, engine: Statics) -> Float
     """What bodies sense, each under its own joint targets.
 
     Args:
-        bodies: N.
         targets: (N, P) joint targets [rad].
-        engine: settles them.
 
     Returns:
         (N, 7) tilts [deg], clearance [mm], touch of four feet [1].
@@ -137,8 +135,6 @@ def estimate_models(
         like: any body of the robot's anatomy.
         poses: (n, P) joint targets [rad].
         felt: (n, 7) channels measured there.
-        plan: what is searched, and how.
-        rng: of everything random.
 
     Yields:
         The best model (1), its error (mean over poses, see `_SCALE`) and the

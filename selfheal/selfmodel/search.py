@@ -167,9 +167,7 @@ class RivalSearch:
         to no better tree. The best rivals climb again before that.
 
         Args:
-            evidence: so far.
             limit: number of simulations since the start.
-            rng: draws starts and changes.
         """
         best = self._find_best_tree()
         queue = self._rescore_rivals(evidence)

@@ -63,9 +63,7 @@ class SecondEngine:
         """Begin to simulate rivals (N) under every action tried.
 
         Args:
-            genomes: of the rivals.
             tables: (N, A, C) what the first engine predicts.
-            evidence: so far.
         """
         if self._started.done():
             self._compile()

@@ -75,14 +75,7 @@ def find_space(
 def draw_space_genomes(
     anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
 ) -> Genomes:
-    """Draw genomes of a space, uniform in every unknown gene.
-
-    Args:
-        anatomy: the robot's parts.
-        space: that they lie in.
-        count: number of genomes.
-        rng: draws them.
-    """
+    """Draw genomes of a space, uniform in every unknown gene."""
     genomes = draw_genomes(anatomy, count, rng, space.sides)
     shape = genomes.parent.shape
     if space.hinges:
@@ -170,10 +163,6 @@ def list_changes(space: BodySpace, genome: Genomes) -> Genomes:
     Some make no valid body, or no other one: see `others`. Where hinges are unknown a
     part changes its place and its hinge at once: in most places the hinge that was
     right in another one is as wrong as any.
-
-    Args:
-        space: which genes may change.
-        genome: a batch of one.
     """
     pairs, cycles = _list_orders(genome.parent.shape[1])
     found = concatenate_genomes(
@@ -196,7 +185,6 @@ def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> 
     """Bodies one small continuous change away; none where every gene is discrete.
 
     Args:
-        space: that they lie in.
         genome: (1) that is changed.
         rng: draws the sizes of the changes.
     """
@@ -212,8 +200,6 @@ def keep_others(space: BodySpace, around: Genomes, genome: Genomes) -> Genomes:
     """The valid ones that differ from the genome.
 
     Args:
-        space: that they lie in.
-        around: N genomes.
         genome: (1) that they are compared with.
     """
     return around[find_others(space, around, genome)]
@@ -223,8 +209,6 @@ def find_others(space: BodySpace, around: Genomes, genome: Genomes) -> np.ndarra
     """(N) whether genomes are valid and differ from one.
 
     Args:
-        space: that they lie in.
-        around: N genomes.
         genome: (1) that they are compared with.
     """
     return is_valid(space, around) & ~is_same(around, genome)
@@ -254,7 +238,6 @@ def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> 
     Args:
         first: (1) genome.
         second: (1) genome.
-        rng: draws from which.
     """
     pick = rng.random(first.parent.shape) < 0.5
     names = ("parent", "placement", "hinge", "length")
@@ -268,9 +251,7 @@ def perturb_genome(
     """A genome after two to four random small changes in a row.
 
     Args:
-        space: that it lies in.
         genome: (1) that is changed.
-        rng: draws the changes.
     """
     for _ in range(rng.integers(2, 5)):
         around = list_neighbors(space, genome)

@@ -58,9 +58,7 @@ class Strategy(Protocol):
         """Look for bodies that explain the evidence.
 
         Args:
-            evidence: so far.
             limit: about the number of simulations to have spent since the start.
-            rng: draws starts and changes.
         """
         ...
 
@@ -138,9 +136,7 @@ class RivalStrategy:
         """Climb (see `RivalSearch.search`), and look at what is near the peaks.
 
         Args:
-            evidence: so far.
             limit: number of simulations of the climbers since the start.
-            rng: draws starts and changes.
         """
         self.finder.search(evidence, limit, rng)
         self.neighborhood.update(self.finder.rivals, evidence)
@@ -290,9 +286,7 @@ class ReleasedStrategy:
         """Search by the rule of 2006, whatever the limit.
 
         Args:
-            evidence: so far.
             limit: not heeded.
-            rng: draws children.
         """
         self.rule.search_bodies(evidence, rng)
 

@@ -51,7 +51,6 @@ class SymmetryGroup:
         """The group for an anatomy and its actions.
 
         Args:
-            anatomy: of the robot.
             actions: (A, P) joint targets [rad].
             hinges_known: whether a mirror may not turn a part's hinge into another.
         """
@@ -94,7 +93,6 @@ class SymmetryGroup:
             table: (A, C) the body's channels under every action.
             tried: (n) actions tried.
             felt: (n, C) channels measured.
-            loss: of one action.
         """
         from ..engine.losses import fill_twin_losses
 
@@ -143,8 +141,6 @@ class SymmetryGroup:
         """The genome (1) of one twin of a body.
 
         Args:
-            genomes: N bodies.
-            row: of the body among them.
             turn: row in `turns`.
             trade: row in `trade`.
         """
@@ -154,7 +150,6 @@ class SymmetryGroup:
         """The genomes of a twin of each body.
 
         Args:
-            genomes: N bodies.
             turn: (N) rows in `turns`.
             trade: (N) rows in `trade`.
         """
@@ -219,8 +214,6 @@ def _build_channel_map(channels: Channels, quarters: int, mirrored: int) -> Floa
     """(C, C) channels of a body whose torso's plan is mirrored, then turned left.
 
     Args:
-        channels: of the robot.
-        quarters: by which it is turned.
         mirrored: 1 if left becomes right.
     """
     matrix = np.eye(len(channels))
@@ -243,7 +236,6 @@ def _trade_columns(channels: Channels, trade: Ints) -> Ints:
     """(T, C) where each channel of a twin stands among those of the body.
 
     Args:
-        channels: of the robot.
         trade: (T, P) part i + 1 becomes part trade[t, i] + 1.
     """
     place = {key: c for c, key in enumerate(zip(*map(np.ndarray.tolist,

@@ -42,8 +42,6 @@ def make_reliability_table(title: str, text: str, pairs: Pairs) -> Table:
     """A row for each tenth of the stated probability.
 
     Args:
-        title: of the table.
-        text: above it.
         pairs: stated probabilities, and whether each statement was right.
     """
     if not pairs:

@@ -27,8 +27,6 @@ def execute_tasks(
 
     Args:
         client: of the workers; they may come and go meanwhile.
-        study: whose runs they are.
-        tasks: to be done.
 
     Yields:
         Records of all runs that have ended since the last yield, each once, and how
@@ -72,7 +70,6 @@ def _make_record(task: Task, result: Any) -> Record:
     """The record of a run that has ended one way or another.
 
     Args:
-        task: the run.
         result: what Dask's `as_completed` gives for its future: what `perform_task`
             returned, the type, value and traceback of an exception, or an exception
             that tells why there is neither. The future's own status may have changed

@@ -24,7 +24,6 @@ def run_method(settings: RunSettings, *, cycles: int, budget: int) -> Outcome:
 
     Args:
         settings: "robot", "method", "seed" and "recordings" of a run.
-        cycles: actions.
         budget: simulations of our search; those of 2006 are 15 climbers' in 200
             generations an action.
     """

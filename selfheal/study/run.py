@@ -35,11 +35,6 @@ class Progress:
 def begin_study(path: Path, name: str, request: StudyRequest) -> None:
     """Make a study's file, with all its runs left.
 
-    Args:
-        path: of the file.
-        name: of the study.
-        request: what the study is of.
-
     Raises:
         InputError: the study is unknown, or the request makes no sense.
     """

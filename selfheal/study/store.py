@@ -106,10 +106,7 @@ def create_study(
     """Begin a study's file.
 
     Args:
-        path: of the file.
-        study: its name.
         request: the settings of the study, as JSON can hold it.
-        tasks: all its runs.
 
     Raises:
         InputError: nothing can be written there.
@@ -121,7 +118,6 @@ def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Res
     """Read a study, the records of its journal included.
 
     Args:
-        path: of the file.
         has_tables: whether settings and outcomes are checked for the study's tables.
 
     Raises:

@@ -45,13 +45,7 @@ def perform_task(
     key: str,
     settings: RunSettings,
 ) -> Record:
-    """The record of one run (see `store.Results`); its error is part of it.
-
-    Args:
-        play: does the run.
-        key: of the run.
-        settings: of the run.
-    """
+    """The record of one run (see `store.Results`); its error is part of it."""
     start, outcome, error = time.perf_counter(), None, ""
     try:
         outcome = play(settings)

@@ -68,7 +68,6 @@ def connect_workers(place: Workplace, logs: Path) -> Iterator["Client"]:
     """A client of workers at a place, which are let go of in the end.
 
     Args:
-        place: of the workers.
         logs: folder for what jobs of a cluster say; made only for them.
 
     Raises:

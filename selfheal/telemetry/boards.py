@@ -54,9 +54,6 @@ def find_turned(
     """Boards that are turned against their sites.
 
     Args:
-        model: of the robot.
-        series: of the recording.
-        sensors: of the model, by signal.
         expected: (N, d) what the positions give, by signal; that of boards which are
             turned is turned, too.
     """

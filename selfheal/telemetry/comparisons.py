@@ -98,8 +98,6 @@ class Comparison:
         """How the second column of `other` follows the first of `one`.
 
         Args:
-            one: name of a joint.
-            other: of the other one.
             rows: (n) those that are compared.
         """
         x = self.first[one]
@@ -116,13 +114,7 @@ class Comparison:
 def compare_velocities(
     recording: Recording, joints: Mapping[str, JointColumns], series: Series
 ) -> Comparison:
-    """Velocities against the derivatives of positions.
-
-    Args:
-        recording: of the robot.
-        joints: by name.
-        series: of the recording.
-    """
+    """Velocities against the derivatives of positions."""
     both = [j for j in joints.values() if j.position and j.velocity]
     most = series.count_rows(SEARCHED_LAG)
     return Comparison(

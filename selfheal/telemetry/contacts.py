@@ -30,7 +30,6 @@ def find_touching_bodies(
     """Ids of the bodies that touch each other in all of some poses, in pairs.
 
     Args:
-        model: compiled.
         poses: (nq) each [m, rad; quaternions].
         skip: types of geoms that do not count.
     """

@@ -62,8 +62,6 @@ class Context:
 
         Args:
             recording: of the robot; its commands are those of the model's controls.
-            model: of it.
-            frozen: columns that are.
         """
         self.recording, self.model, self.frozen = recording, model, frozenset(frozen)
         self.faults: list[Fault] = []
@@ -145,8 +143,6 @@ class Context:
         """The liveliest column of each signal in each episode.
 
         Args:
-            kinds: of the signals.
-            least: samples that are read.
             measure: how lively (d) columns (n, d) are.
 
         Yields:
@@ -167,11 +163,7 @@ class Context:
         """Faults of columns whose correction explains the motion far better.
 
         Args:
-            explainer: of the motion.
-            names: of joints.
             limits: shares that are left, see `find_best`.
-            basis: of the p-value.
-            what: is then explained.
         """
         found: list[Fault] = []
         for _ in range(MAX_FAULTS):
@@ -199,12 +191,7 @@ def make_fault(
     """The fault of a hypothesis, and what the data do not distinguish from it.
 
     Args:
-        best: the hypothesis.
-        others: as good ones.
-        measured: what was seen, with numbers.
         p_value: of it [1].
-        basis: of the p-value.
-        episodes: ids.
     """
     unclear = "".join(
         f"; or {o.text}, which these data do not distinguish" for o in others

@@ -124,8 +124,6 @@ def refuse_faulty(
     """Refuse a recording whose faults make any physics meaningless.
 
     Args:
-        file: name of the recording.
-        faults: of it.
         skip: kinds that are not asked about.
 
     Raises:

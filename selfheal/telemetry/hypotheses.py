@@ -67,9 +67,6 @@ def find_best(
     """The hypothesis that explains the motion far better, and those as good.
 
     Args:
-        explainer: of the motion.
-        column_map: of what was found already.
-        options: the hypotheses.
         limits: shares that the log as it is must leave, and a hypothesis may leave.
     """
     min_left, max_left = limits
@@ -130,7 +127,6 @@ def suppose(
     """A hypothesis: a kind of fault in some of the columns about a joint.
 
     Args:
-        joints: by name.
         kind: "sign", "unit" or "exchange".
         pair: names of the joint, and of the other one of an exchange.
         parts: of "position", "velocity", "command": what is read otherwise.
@@ -187,7 +183,6 @@ def correct_share(
 
     Args:
         name: of the signal or the actuator.
-        joint: that has a range.
         unit: a name of `SHARES`.
         is_command: whether it is an actuator's.
     """

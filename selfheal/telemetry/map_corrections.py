@@ -22,8 +22,6 @@ def correct_rules(
 
     Args:
         log_map: by which the recording was made.
-        faults: of it.
-        recording: that was checked.
 
     Returns:
         None is in it that the faults' corrections do not speak of. A rule may become

@@ -184,7 +184,6 @@ def correlation_p_value(r: float, rows: int, independent: float) -> float:
 
     Args:
         r: correlation [1].
-        rows: that were compared.
         independent: rows from one independent reading to the next.
     """
     from scipy.stats import norm
@@ -195,13 +194,7 @@ def correlation_p_value(r: float, rows: int, independent: float) -> float:
 
 
 def f_test(given: float, left: float, count: float) -> float:
-    """Probability of such mean squares before and after by chance, by an F test.
-
-    Args:
-        given: mean square before.
-        left: mean square after.
-        count: independent rows of both.
-    """
+    """Probability of such mean squares before and after by chance, by an F test."""
     from scipy.stats import f
 
     return float(f.sf(given / max(left, 1e-12), count, count))

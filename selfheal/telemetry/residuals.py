@@ -109,7 +109,6 @@ def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:
     Args:
         values: (n).
         block: (n) number of each one's block.
-        count: of blocks.
     """
     rows = np.maximum(np.bincount(block, minlength=count), 1)
     return np.bincount(block, values, minlength=count) / rows

@@ -61,14 +61,7 @@ class States:
         joints: Mapping[str, JointColumns],
         series: Series,
     ) -> None:
-        """Find the columns.
-
-        Args:
-            recording: of the robot.
-            model: of it.
-            joints: with their columns, by name.
-            series: of the recording.
-        """
+        """Find the columns."""
         self.model, self.joints, self.series = model, joints, series
         self.bases, self.poses = dict[int, str](), dict[str, tuple[str, str]]()
         signals = list_signals(recording)

@@ -67,7 +67,6 @@ def make_terms(
     """The terms of one degree of freedom.
 
     Args:
-        dof: its number in the model.
         parts: (n) its torques, as `TorqueBalance.compute_torques` has them [N m or N].
         damping: of the joint [N m s/rad].
         stiffness: of gravity, by which a spring is bounded [N m/rad].

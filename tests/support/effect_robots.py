@@ -121,8 +121,6 @@ def make_document(nominal, factors, effects, values) -> dict:
 
     Args:
         nominal: terms of the model's own numbers.
-        factors: by which these are multiplied.
-        effects: terms that are named.
         values: of each of them.
     """
     findings = [
@@ -166,9 +164,6 @@ def check_replay(b: EffectBench, effects, folder: Path, limit: float) -> None:
     """Assert that a patch with these effects and its replay predict as they do.
 
     Args:
-        b: the robot.
-        effects: terms that are named.
-        folder: to write to.
         limit: largest difference, of the effect's own size.
     """
     nominal = tuple(build_nominal_terms(b.robot))

@@ -27,7 +27,6 @@ def main(moment: str, words: list[str]) -> None:
     Args:
         moment: "after PHASE", or "within PHASE": its file is written and has no name
             yet; any other is never reached.
-        words: its arguments.
     """
     when, _, phase = moment.partition(" ")
     save = phased_run.save_phased_run

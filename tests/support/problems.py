@@ -31,7 +31,6 @@ def make_problem(
     """Segments whose readings are what the terms predict, and white noise.
 
     Args:
-        bench: whose simulator and commands.
         terms: what the robot has that its model lacks.
         values: (P) of the terms.
         noise: standard deviation of a reading [its unit].
@@ -70,7 +69,6 @@ def make_misread_problem(
     """Segments whose initial speeds differ from those read.
 
     Args:
-        bench: a robot of two joints.
         term: what it has that its model lacks.
         values: (P) of the term.
         speeds: (W, 2) by how much, in standard deviations of the initial speed.

@@ -235,15 +235,12 @@ def record(
     """Record the real robot: a finer time step, and noise on every reading.
 
     Args:
-        robot: which.
-        episodes: how many.
         seconds: of each.
         rate: of samples [Hz].
         seed: of commands, initial states and noise.
         change: makes the compiled model the true one.
         torque: writes `data.qfrc_applied` at each step.
         states: whether episodes have qpos0 and qvel0.
-        noise: other than the robot's.
         finer: steps of the truth in one of the model's.
     """
     silence_mujoco()

@@ -163,13 +163,7 @@ def find_speed(robot: Robot, target: str) -> float:
 
 
 def find_least_value(robot: Robot, target: str, key: str) -> float:
-    """Smallest value of a joint that no refit of the stated one may reach.
-
-    Args:
-        robot: the robot as given.
-        target: the joint.
-        key: attribute in MjSpec.
-    """
+    """Smallest value of a joint that no refit of the stated one may reach."""
     joint = robot.read_spec().joint(get_name(target))
     return 1.35 * float(np.ravel(getattr(joint, key))[0])
 
@@ -178,7 +172,6 @@ def draw_number(key: str, value: float, signed: bool = False) -> Draw:
     """A draw of one parameter that starts from a plain number.
 
     Args:
-        key: name of the parameter.
         value: at size 1.
         signed: whether its sign is drawn too.
     """

@@ -47,9 +47,7 @@ def score_truth(
     """Score of the hidden physics itself.
 
     Args:
-        experiment: whose robot moves.
         placed: its effects, or those without one.
-        pieces: to predict.
     """
     robot = experiment.robot
     simulator = Simulator(experiment.make_hidden_robot(placed))
@@ -74,9 +72,6 @@ def measure_references(
     """Errors by horizon of the given model, the plain fit and the truth; its effects.
 
     Args:
-        draft: of the case.
-        experiment: of the case.
-        train: pieces of what is diagnosed.
         tests: pieces of what a diagnosis is scored on.
 
     Returns:
@@ -137,7 +132,6 @@ def judge_verdict(
     """Whether a verdict agrees with the errors at every horizon.
 
     Args:
-        verdict: of the diagnosis.
         found: errors of its replay, by horizon.
         errors: of the given model and the truth, by model and horizon.
     """
@@ -158,7 +152,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     What the case allows is measured once, and kept beside its key.
 
     Args:
-        case: folder of the case.
         keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """

@@ -120,10 +120,8 @@ def judge_case(
     """What was right in one case.
 
     Args:
-        key: the truth.
         diagnosis: diagnosis.json, or None where there is none.
         run: run.json, or None.
-        places: of the model.
     """
     findings = select_real_findings(diagnosis, key)
     fit = (diagnosis or {}).get("fit") or {}
@@ -206,13 +204,7 @@ def _count_matches(truths: Sequence, findings: Sequence, fits) -> int:
 
 
 def check_intervals(truths, findings, places: Places) -> list[dict[str, Any]]:
-    """Whether the interval of each parameter of a right effect holds the truth.
-
-    Args:
-        truths: effects of the key.
-        findings: effects of the diagnosis.
-        places: of the model.
-    """
+    """Whether the interval of each parameter of a right effect holds the truth."""
     found = []
     for truth in truths:
         for finding in findings:
@@ -272,7 +264,6 @@ def judge_names(
     """Which needed effects were named at their place, and which names are false.
 
     Args:
-        findings: of the diagnosis.
         effects: names, target, and whether each is needed.
         places: what is the same place in the model.
     """

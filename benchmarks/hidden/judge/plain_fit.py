@@ -70,7 +70,6 @@ def fit_drives(model: Any, recording: Recording) -> DriveFit:
     """The plain fit of a model.
 
     Args:
-        model: as given, compiled.
         recording: pieces of what is diagnosed, which state where they start.
     """
     pieces, dofs = choose_evenly(recording, PIECES), find_driven(model)

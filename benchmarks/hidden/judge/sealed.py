@@ -127,7 +127,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     """Judge one case of a folder by its key and its diagnosis, if it has one.
 
     Args:
-        case: folder of the case.
         keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """

@@ -135,7 +135,6 @@ class Chain:
         """The robot with servo gains and torque limits that fit its size.
 
         Args:
-            rng: draws them.
             style: "position", "general", "motor" or "none", of its actuators.
         """
         torques, inertias = measure_loads(self)
@@ -258,7 +257,6 @@ def draw_chain(rng: Rng, count: int, style: str) -> Robot:
     """A random robot.
 
     Args:
-        rng: draws it.
         count: of its joints, 1 to 7.
         style: "servo", "motor" or "none", of its actuators.
     """

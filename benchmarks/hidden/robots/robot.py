@@ -162,11 +162,9 @@ class NumberDraw:
         """A whole MJCF file.
 
         Args:
-            name: of the model.
             world: bodies and geoms of the world, as MJCF.
             rest: defaults and actuators, as MJCF.
             step: [s] of the simulation.
-            integrator: as MJCF calls it.
         """
         medium = f' density="{self.density:g}"' if self.density else ""
         return f"""<mujoco model="{name}">

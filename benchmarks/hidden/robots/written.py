@@ -41,7 +41,6 @@ def command_sines(
         size: of each actuator's command, in its unit.
         slow: [Hz] lowest rate.
         fast: [Hz] highest rate.
-        steps: share of the square wave.
     """
 
     def motion(rng: Rng, robot: Robot) -> Control:

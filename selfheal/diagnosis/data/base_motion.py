@@ -57,7 +57,6 @@ class BaseMotion:
         """Fill in what no sensor read of W states, in place.
 
         Args:
-            model: compiled.
             rows: (W) sample of each, with fractions.
             qpos: (W, nq); NaN where nothing was read.
             qvel: (W, nv) likewise.
@@ -90,8 +89,6 @@ def estimate_base_motion(
     """Estimate how the one floating base moved whose position no sensor reads.
 
     Args:
-        model: compiled.
-        channels: that were read.
         readings: (T, C) of all channels.
         qpos: (T, nq) as read; NaN where nothing was.
         qvel: (T, nv) likewise.
@@ -179,10 +176,6 @@ def _read_in_base(
     What is missing lies between its neighbors: other signals may have other times.
 
     Args:
-        model: compiled.
-        joint: the base's.
-        kind: of the sensor.
-        channels: that were read.
         readings: (T, C) of all of them.
         time: (T) [s].
 

@@ -209,7 +209,6 @@ def sample_episode(
     """Put an episode on a grid of simulation steps.
 
     Args:
-        name: of the episode.
         episode: with T samples, and commands in the model's order.
         channels: of which its readings are taken.
         step: of the simulation [s].

@@ -321,7 +321,6 @@ def summarize_joints(
     """Summarize the hinges and slides.
 
     Args:
-        model: compiled.
         torque: (nv) typical [N m or N].
         motion: gives, for a joint's id, the root mean square of its velocity, its
             largest speed, its lowest and highest position, and those of the end.

@@ -104,7 +104,6 @@ def cut_segments(
     A sample at a cut belongs to the segment before it.
 
     Args:
-        episodes: E of them.
         steps: of a segment; None: each episode is one segment.
         only: number of the one episode to cut; None: all.
         empty: whether a sample without a reading counts.

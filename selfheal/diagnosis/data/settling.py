@@ -30,7 +30,6 @@ def settle_unread_joints(
     """Simulate a robot whose unread hinges and slides alone move, until they rest.
 
     Args:
-        model: compiled.
         qpos: (nq) to begin at.
         is_read: (nq) whether a position is held.
         ctrl: (nu) commands.
@@ -62,7 +61,6 @@ def place_unread_joints(
     """Fill in states in which something was not read.
 
     Args:
-        model: compiled.
         qpos: (W, nq); NaN where nothing was read.
         qvel: (W, nv); NaN where nothing was read.
         is_first: (W) whether a state is the first one of its episode.

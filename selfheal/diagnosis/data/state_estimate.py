@@ -46,9 +46,6 @@ def estimate_state(
     the polynomial's slope and of what a velocity sensor reads, by inverse variances.
 
     Args:
-        model: the given one, compiled.
-        channels: that were read.
-        episode: with the readings.
         at: (W) times [steps].
         step: of the simulation [s].
         reading_changes: what a hypothesis says of sensors, by signal: "gain" [1] and
@@ -205,7 +202,6 @@ def _combine_estimates(
     Args:
         a: (W, 1 or more), of which the first column counts, as of all arguments.
         a_std: standard errors of `a`.
-        b: other estimates.
         b_std: standard errors of `b`.
 
     Returns:
@@ -233,8 +229,6 @@ def _fill_floating_body(
     """Fill in the state of a floating body, from its pose and velocity sensors.
 
     Args:
-        look_up: of the signals.
-        body: its name.
         qpos: (W, 7) position and quaternion; changed.
         qvel: (W, 6) linear and angular velocity; changed.
         qpos_std: (W, 6) standard errors; changed.
@@ -265,8 +259,6 @@ def _fill_orientation(
     In the body's frame the angular velocity is omega = 2 vec(conj(q) dq/dt).
 
     Args:
-        look_up: of the signals.
-        body: its name.
         qpos: (W, 4) quaternion; changed.
         qvel: (W, 3) angular velocity in the body's frame; changed.
         qpos_std: (W, 3) standard errors; changed.

@@ -250,7 +250,6 @@ class Effect(ABC):
             element: at which the effect acts, whose unit counts; None: the declared
                 unit is the parameter's.
             low: the smallest value that makes sense.
-            high: the largest.
             scale: a change that the robot would show.
             nominal: value at which the effect is absent, where none is declared.
             resolution: distance from the nominal value that simulation errors hide.
@@ -279,8 +278,6 @@ class Effect(ABC):
 
         Args:
             target: as the contract writes it ("joint:knee").
-            place: in the given model.
-            parameters: with their bounds.
             initial_values: that a fit may begin at, each (p).
             log_odds: other than the effect's own [nats].
         """

@@ -151,8 +151,6 @@ def make_base_place(model: "MjModel", body: int, axis: str) -> BasePlace:
     """The place of a base that rocks about one of the world's axes.
 
     Args:
-        model: compiled.
-        body: id of the base.
         axis: "x" or "y".
     """
     import mujoco

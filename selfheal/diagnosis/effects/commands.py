@@ -38,7 +38,6 @@ def change_columns(
 
     Args:
         ctrl: (1 or N, G, nu) of all controls, on a grid.
-        controls: whose commands are changed.
         change: makes new ones (N, G) of those (1 or N, G) of one control.
 
     Returns:

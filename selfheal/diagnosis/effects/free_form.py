@@ -68,8 +68,6 @@ class FreeFormTorque(JointEffect, JointForce[MovedPlace]):
         """Add a weighted sum of the basis.
 
         Args:
-            state: of N simulations.
-            place: of the joint.
             values: (N, p) weights [N m or N].
         """
         middle, range_ = place.range_center, place.range

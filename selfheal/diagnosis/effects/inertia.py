@@ -31,8 +31,6 @@ def set_spatial_inertia(
     """Give a body a mass, a center of mass and an inertia.
 
     Args:
-        model: compiled, to be changed.
-        body: its id.
         mass: of the body [kg].
         com: (3) center of mass in the body's frame [m].
         inertia: (3, 3) about the center of mass, in the body's frame [kg m^2].
@@ -79,8 +77,6 @@ def add_mass(model: "MjModel", body: int, mass: float, at: Floats) -> None:
     """Fix a point mass to a body, by Steiner's theorem.
 
     Args:
-        model: compiled, to be changed.
-        body: its id.
         mass: of the point [kg].
         at: (3) in the body's frame [m].
     """
@@ -101,10 +97,7 @@ def stretch_body(model: "MjModel", body: int, axis: Floats, ratio: float) -> Non
     The mass stays; its second moments scale with the square of the ratio.
 
     Args:
-        model: compiled, to be changed.
-        body: its id.
         axis: (3) unit vector in the body's frame.
-        ratio: new length over old one.
     """
     grow = np.eye(3) + (ratio - 1) * np.outer(axis, axis)
     inertia = spatial_inertia(model, body)
@@ -128,10 +121,7 @@ def _stretch_geom(model: "MjModel", geom: int, axis: int, ratio: float) -> None:
     """Scale a geom along one of its own axes, where its type has a size along it.
 
     Args:
-        model: compiled, to be changed.
-        geom: its id.
         axis: index of the axis in the geom's frame.
-        ratio: new length over old one.
     """
     import mujoco
 

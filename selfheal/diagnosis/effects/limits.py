@@ -202,8 +202,6 @@ def widen_limits(model: "MjModel", actuator: int, limit: float) -> None:
     """Scale what a model states of an actuator's limits up to a larger one.
 
     Args:
-        model: compiled, to be changed.
-        actuator: its id.
         limit: torque [N m or N] that none of them may be below.
     """
     gear = abs(model.actuator_gear[find_output(model, actuator), 0])

@@ -100,8 +100,6 @@ class NominalParameter(Effect, ModelEdit[Place]):
         """Multiply the value in a compiled model.
 
         Args:
-            model: compiled, to be changed.
-            place: of the value.
             values: (1) factor [1].
         """
         self.scale(model, place, values[0])
@@ -113,8 +111,6 @@ def _make_term(scale: Scale, target: str, value: float, unit: str, at: Place) ->
     Args:
         scale: `scale(model, place, factor)` multiplies it in a compiled model.
         target: its name ("joint:knee/damping").
-        value: as the model states it.
-        unit: of the value.
         at: what `scale` acts on.
     """
     reach = relative_bound(target)

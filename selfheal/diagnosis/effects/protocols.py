@@ -70,7 +70,6 @@ class ModelEdit(Protocol[P]):
         """Change fields of a compiled model.
 
         Args:
-            model: compiled, to be changed.
             place: where the effect acts, in that model.
             values: (p) of the parameters.
         """
@@ -88,7 +87,6 @@ class CommandFilter(Protocol[P]):
 
         Args:
             ctrl: (1 or N, G, nu) as they were sent, on a grid.
-            grid: of the times.
             place: where the effect acts; nothing but its `controls` may change.
             values: (N, p) of the parameters.
 

@@ -264,7 +264,6 @@ def _are_near(parents: np.ndarray, dof: int, later: int) -> bool:
 
     Args:
         parents: (nv) `dof_parentid` of the model.
-        dof: of a joint.
         later: degree of freedom of another joint, with a larger number.
     """
     if parents[dof] == parents[later]:

@@ -31,7 +31,6 @@ def effective_sample_size(problem: Problem, residuals: Floats) -> float:
         (sum E)^2 / sum (E^2 tau / n).
 
     Args:
-        problem: of the residuals.
         residuals: (R) [standard deviations].
     """
     width = problem.segments.readings.shape[1]
@@ -111,7 +110,6 @@ def _gradient_covariances(
     """Covariances (P, P) of the gradient A'r: the usual one and that over blocks.
 
     Args:
-        problem: of the residuals.
         residuals: (R) r [standard deviations].
         jacobian: (R, P) A, its columns of length 1.
         information: (P, P) A'A.
@@ -180,7 +178,6 @@ def confidence_interval(
     """The 90 % interval of an effect's parameter, within its bounds.
 
     Args:
-        parameter: with its bounds.
         value: fitted [unit of the parameter].
         error: standard error [unit of the parameter].
 

@@ -47,8 +47,6 @@ def compute_jacobian(
     share of the residuals are repeated over a smaller step: so far the residuals bend.
 
     Args:
-        problem: of the residuals.
-        terms: P parameters in all.
         values: (P) where to linearize [units of the parameters].
         residuals: (R) at the values [standard deviations].
         first: number of the first parameter to difference by.
@@ -119,11 +117,8 @@ def _step_values(
     """Residuals (n, R) in some segments, n sets of the last parameters stepped.
 
     Args:
-        problem: of the residuals.
-        terms: P parameters in all.
         values: (P) from which they are stepped [units of the parameters].
         steps: (p) of the last of them.
-        chosen: numbers of the segments.
         batches: n sets of these parameters, by their numbers.
     """
     points = np.tile(values, (len(batches), 1))
@@ -141,7 +136,6 @@ def respond_to_initial_states(
 
     Args:
         problem: of v segments, whose initial states are as read and certain.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
         offset: (v, 2 nv) of the states [standard deviations].
         std: (v, 2 nv) standard deviations [rad or m, and per s].
@@ -193,8 +187,6 @@ def _find_independent_trees(
     tree must change no residual of another one. Of what may touch, none is alone.
 
     Args:
-        problem: of the residuals.
-        terms: of a hypothesis.
         find_trees: gives the tree of each value.
         count: of the last values, which are to be stepped.
         step: gives residuals with sets of values stepped.
@@ -236,7 +228,6 @@ def _set_columns(
     """Set columns of a Jacobian (R, P), from steps that were made together.
 
     Args:
-        jacobian: changed.
         batches: n sets of columns, of each tree one.
         changes: (n, R) of the residuals.
         steps: (P) of the parameters.
@@ -253,7 +244,6 @@ def _group_columns(columns: np.ndarray, tree: np.ndarray) -> list[np.ndarray]:
     """Columns that are differenced together: of each tree one, or one alone.
 
     Args:
-        columns: numbers of parameters.
         tree: (P) of each parameter.
     """
     alone = [np.array([c]) for c in columns if tree[c] == NO_TREE]

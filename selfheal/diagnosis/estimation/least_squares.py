@@ -63,7 +63,6 @@ def search_dampings(
     other dampings are one batch, where Marquardt tries one after the other.
 
     Args:
-        cost: before a step.
         propose: gives the predicted cost and the point (P) of a damping.
         evaluate: simulates points (n, P).
 
@@ -94,7 +93,6 @@ def fit_parameters(
     """Fit the values of terms by damped Gauss-Newton iterations within bounds.
 
     Args:
-        problem: whose residuals are minimized.
         terms: effects beside the given model, P parameters in all.
         start: (P) values to begin with [units of the parameters].
         iterations: of them, at most.
@@ -114,8 +112,6 @@ def fit_one_more(fit: Fit, term: Term, start: Floats, iterations: int) -> Fit:
     """A fit with one more term, whose own columns of the Jacobian alone are computed.
 
     Args:
-        fit: without the term.
-        term: to be added last.
         start: (p) values of it to begin with [units of its parameters].
         iterations: at most, of all values.
     """
@@ -205,8 +201,6 @@ def _linearize(
     """The iterate with a Jacobian of differences.
 
     Args:
-        problem: of the residuals.
-        terms: P parameters in all.
         values: (P) [units of the parameters].
         residuals: (R) at the values [standard deviations].
     """
@@ -220,9 +214,6 @@ def _search_step(
     """The best of the damped steps from an iterate; None: no step lowers the cost.
 
     Args:
-        problem: of the residuals.
-        terms: P parameters in all.
-        now: the iterate.
         cost: there, with the prior [1].
     """
     model = QuadraticModel.linearize(terms, now.values, now.residuals, now.jacobian)
@@ -260,10 +251,6 @@ def _accept(
     those of effects, which are most of the error, are differenced.
 
     Args:
-        problem: of the residuals.
-        terms: nominal ones first.
-        old: iterate before the step.
-        trial: accepted.
         is_short: whether the step gained little.
     """
     x, r = trial.point, trial.residuals
@@ -291,9 +278,6 @@ def refine_undamped(fit: Fit) -> Fit:
     one factor. Their cost is a curved valley along which damped steps hardly move.
     Undamped steps follow it, over a rise of the cost if need be. Fine differences tell
     how flat the valley is, and so how far the prior moves the values along it.
-
-    Args:
-        fit: to begin with.
 
     Returns:
         The fit of the lowest cost, with a fine Jacobian.

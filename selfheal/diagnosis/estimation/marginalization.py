@@ -40,9 +40,6 @@ def is_horizon_informative(
     than in shorter segments. Where it grows too fast, longer segments tell less.
 
     Args:
-        problem: with the segments in question.
-        shorter: the problem with shorter segments.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
     """
     response, response_if_shorter = (
@@ -60,7 +57,6 @@ def keep_informative(
 
     Args:
         problems: in longer and longer segments; the shortest ones always inform.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
     """
     kept: list[Problem] = []
@@ -77,8 +73,6 @@ def _measure_state_response(
     """Root mean square of what errors of the initial states cause, in some segments.
 
     Args:
-        problem: with the segments in question.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
 
     Returns:
@@ -109,7 +103,6 @@ def marginalize_initial_states(
 
     Args:
         problem: marginalized or not.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
     """
     std = initial_state_std(problem.simulator, problem.segments)
@@ -162,7 +155,6 @@ def _eliminate_states(problem: Problem, states: StateEstimates, std: Floats) -> 
 
     Args:
         problem: whose initial states are as read and certain.
-        states: estimates of them.
         std: (W, 2 nv) their standard deviations [rad or m, and per s].
     """
     bases = []

@@ -79,7 +79,6 @@ def search_initial_states(
 
     Args:
         problem: whose initial states are as read and certain.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
         start: (W, 2 nv) offsets to begin with [standard deviations].
         std: (W, 2 nv) standard deviations of the states [rad or m, and per s].
@@ -165,8 +164,6 @@ def _step_states(
     """One Gauss-Newton step of each initial state, with a line search.
 
     Args:
-        problem: of v segments.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
         linearizations: of each segment, residuals (R_w) and response (R_w, 2 nv).
         offset: (v, 2 nv) of the states [standard deviations].
@@ -211,8 +208,6 @@ def try_other_velocities(
     no slope leads to the other.
 
     Args:
-        problem: of v segments.
-        terms: of a hypothesis.
         values: (P) of it [units of the parameters].
         std: (v, 2 nv) standard deviations [rad or m, and per s].
 

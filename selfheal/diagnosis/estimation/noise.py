@@ -70,7 +70,6 @@ def _fit_variograms(problem: Problem, residuals: Floats) -> tuple[Floats, Floats
     1993, section 2.3). Relative errors are minimized over w, s, q >= 0 for each a.
 
     Args:
-        problem: with the readings.
         residuals: (R) [standard deviations].
 
     Returns:
@@ -108,7 +107,6 @@ def _compute_variograms(
     """Empirical variogram of each column within segments, by the method of moments.
 
     Args:
-        problem: with the readings.
         residuals: (R) [standard deviations].
         lags: (L) [samples].
 

@@ -27,7 +27,6 @@ def search_multiples(problem: Problem, terms: Sequence[Term], values: Floats) ->
     likelihood of `_choose_likeliest`, for which single readings are too few.
 
     Args:
-        problem: to be fitted.
         terms: P parameters in all; nominal values stay.
         values: (P) to begin with [units of the parameters].
 
@@ -50,9 +49,6 @@ def search_along_valleys(fit: Fit) -> Floats:
     effect's value is moved a little, all other values follow as the quadratic model
     asks, and initial states are estimated there: a profile likelihood. It is not
     searched where that takes more than `FIT.smoothed_effort`.
-
-    Args:
-        fit: to begin with.
 
     Returns:
         (P) likeliest values [units of the parameters].
@@ -80,7 +76,6 @@ def _follow_linearly(base: LinearizedFit, values: Floats, i: np.integer) -> Floa
     """Move all values but one to the minimum of the quadratic model.
 
     Args:
-        base: the fit with the model.
         values: (P) [units of the parameters].
         i: number of the value that stays.
 
@@ -108,9 +103,6 @@ def fit_smoothed(fit: Fit) -> Fit:
     direction. So slopes are differences over a whole scale, and residuals are means
     over perturbed initial states (randomized smoothing, Duchi et al. 2012). Before each
     step, initial states are estimated again, for those of other values hold these.
-
-    Args:
-        fit: to begin with.
 
     Returns:
         The fit of the problem with initial states of the last values. Its Jacobian is
@@ -154,10 +146,7 @@ def _scale_one_value(
     """Values, and the same with multiples of one of them within its bounds.
 
     Args:
-        terms: P parameters in all.
         values: (P) [units of the parameters].
-        i: number of the parameter.
-        multiples: n of them.
 
     Returns:
         (1 + n, P) [units of the parameters].
@@ -179,7 +168,6 @@ def _choose_likeliest(
     which a body falls on another side cannot outweigh all others then.
 
     Args:
-        problem: of the residuals.
         points: (n, P) [units of the parameters].
         residuals: n of (R) [standard deviations].
     """
@@ -195,7 +183,6 @@ def _take_smoothed_step(
 
     Args:
         problem: with initial states estimated at the values.
-        terms: P parameters in all.
         values: (P) [units of the parameters].
         offsets: (k, W, 2 nv) perturbations of the initial states [rad or m, and per s].
 

@@ -158,10 +158,6 @@ class Problem:
         They are so small that only the roughness of the residuals changes. Their mean
         is zero (antithetic variates, Hammersley and Morton 1956).
 
-        Args:
-            count: of perturbations, even.
-            rng: draws signs.
-
         Returns:
             (2 K, W, 2 nv) for a count of 2 K [rad or m, and per s].
         """
@@ -301,7 +297,6 @@ def build_problem(dataset: Dataset, seconds: float) -> Problem:
     """Pose a problem of the training data, weighted by the given model's error.
 
     Args:
-        dataset: training data.
         seconds: length of the segments [s].
     """
     simulator = dataset.training
@@ -321,7 +316,6 @@ def build_longer_problems(dataset: Dataset, problem: Problem) -> list[Problem]:
     """The training data in longer and longer segments, as long as these are several.
 
     Args:
-        dataset: training data.
         problem: in short segments, whose weights are used.
     """
     longer = []

@@ -41,7 +41,6 @@ def penalized_cost(terms: Sequence[Term], values: Floats, residuals: Floats) -> 
     """The cost [1] with the prior, r'r + (x - 1)' Lambda (x - 1).
 
     Args:
-        terms: whose prior counts.
         values: (P) [units of the parameters].
         residuals: (R) [standard deviations].
     """
@@ -124,7 +123,6 @@ class QuadraticModel:
         """The model of the penalized cost of some terms.
 
         Args:
-            terms: P parameters in all.
             values: (P) x [units of the parameters].
             residuals: (R) r at the values [standard deviations].
             jacobian: (R, P) J.

@@ -60,7 +60,6 @@ def _weight_by_residuals(
     """The problem with another noise model, weighted by residuals.
 
     Args:
-        problem: of the residuals.
         fit: with the values at which initial states are marginalized.
         residuals: (R) [standard deviations]; their root mean square is the new sigma,
             but no less than the noise.

@@ -65,7 +65,6 @@ def compute_accelerations(
     In continuous time: no integrator's damping, no error of a time step.
 
     Args:
-        simulator: of the recordings.
         terms: effects that the given model lacks, none of which adds a joint.
         values: (n, P) of all terms' parameters, a row a hypothesis.
         moments: W segments, in whose first states they are; commands count by their
@@ -126,7 +125,6 @@ def compute_applied_forces(
     """Forces that the last of some terms adds, a force law.
 
     Args:
-        simulator: of the recordings.
         terms: effects that the given model lacks, none of which adds a joint.
         values: (n, P) of all terms' parameters, a row a hypothesis.
         moments: W segments, in whose first states they are.
@@ -158,10 +156,8 @@ def _begin(
     """Hypotheses, their states and their mean commands (n W, nu) at the moments.
 
     Args:
-        simulator: of the recordings.
         terms: effects that the given model lacks.
         values: (n, P) of all terms' parameters.
-        moments: W segments.
         state_offset: (n, W, 2 nv) as of `compute_accelerations`.
     """
     hypotheses = simulator.build_hypotheses(terms, values, centered=False)
@@ -193,8 +189,6 @@ def _forward(
     """Accelerations (n W, nv) of the given model's joints, inertia, dry friction.
 
     Args:
-        hypotheses: n of them.
-        moments: W of them.
         initial: states of the n W simulations.
         ctrl: (n W, nu).
         step: of the simulation [s].

@@ -17,7 +17,6 @@ def compute_gains(before: LinearFit, after: LinearFit) -> Floats:
     """Gain [nats] in each of B blocks that are predicted from the others.
 
     Args:
-        before: a fit.
         after: another one of the same errors, whose whitening counts.
     """
     whitening = after.whitening

@@ -75,7 +75,6 @@ class ErrorModel(ABC):
         Args:
             terms: of the hypothesis, and the one that is added last.
             values: (n, P) of all of them [units of the parameters].
-            errors: without that term.
         """
         found = self.compute_errors(terms, values)
         return Errors(found.values - errors.values, found.volume - errors.volume)
@@ -87,9 +86,7 @@ class ErrorModel(ABC):
         """Changes (K, ...) by what nobody knows, each of one deviation.
 
         Args:
-            terms: of a hypothesis.
             values: (1, P) of them [units of the parameters].
-            errors: with them.
         """
 
     @abstractmethod
@@ -171,10 +168,7 @@ def differentiate(
     """Derivatives (p, R C) and (p) of a hypothesis's errors by each value.
 
     Args:
-        model: of the errors.
-        terms: of the hypothesis.
         values: (P) [units of the parameters].
-        errors: there.
         which: (p) numbers of the values; None: all.
     """
     chosen = np.arange(len(values)) if which is None else np.array(which, int)
@@ -206,11 +200,7 @@ def propose_directions(
     finite, and what each of its initial values changes.
 
     Args:
-        model: of the errors.
-        terms: of the hypothesis.
         values: (P) of them [units of the parameters].
-        errors: with them.
-        candidates: terms that may be added.
     """
     return [
         direction

@@ -133,9 +133,6 @@ class LinearFit:
 
         With y = nominal x, a column of the factor x is nominal times that of y
         (`estimation.fit.Fit.restore`).
-
-        Args:
-            removed: numbers of these terms.
         """
         known = list_restated_columns(self.terms)
         restated = [each for i in removed for each in known.get(self.terms[i], ())]
@@ -232,9 +229,7 @@ def start_fit(
     """A fit to begin with.
 
     Args:
-        model: of the errors.
         stated: terms of the values that the model states.
-        named: of effects.
         values: (P) of all of them [units of the parameters]; None: the model as it is
             given.
     """
@@ -249,7 +244,6 @@ def descend(fit: LinearFit, iterations: int = DESCENT_ITERATIONS) -> LinearFit:
     The chord method, with shorter steps where the cost would grow.
 
     Args:
-        fit: to begin with.
         iterations: at most.
     """
     low, high, scale = fit.bounds
@@ -294,8 +288,6 @@ def add_terms(
     """The fit with the terms of some directions, descended from their coordinates.
 
     Args:
-        fit: without them.
-        directions: k coordinates in all.
         coordinates: (k) of them.
     """
     new, at = [], 0

@@ -60,7 +60,6 @@ class Whitening:
 
         Args:
             change: (R C) of the errors.
-            volume: its change.
         """
         r = self.errors + self._divide(change)
         return self.loss + _compute_size(r, estimate_scale(r)) - self._size - volume

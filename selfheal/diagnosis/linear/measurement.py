@@ -61,7 +61,6 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
 
     Args:
         simulator: of the recordings, with the model's own step.
-        rng: draws noise.
     """
     joints, step = _list_read_joints(simulator), simulator.timestep
     window = _choose_window(simulator)

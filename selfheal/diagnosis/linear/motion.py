@@ -192,7 +192,6 @@ class MeasuredMotion:
         """Derivatives (3, W) of a signal some time later, and their variances (W, 3).
 
         Args:
-            channel: of the signal.
             delay: by which it is read later [s].
         """
         return self._recall(("moments", channel.name, delay), lambda: _differentiate(
@@ -205,7 +204,6 @@ class MeasuredMotion:
         """Means (3, R) of a signal's derivatives some time later, and their variances.
 
         Args:
-            channel: of the signal.
             delay: by which it is read later [s].
         """
         return self._recall(("windows", channel.name, delay), lambda: _average(

@@ -107,7 +107,6 @@ def choose_half_width(
         time: (T) of the samples [s].
         readings: (T) [unit]; NaN where missing.
         noise: their standard deviation [unit].
-        order: of the derivative that counts.
         window: over which it is averaged [s].
     """
     gap = float(np.median(np.diff(time)))

@@ -132,10 +132,6 @@ def rank(fit: LinearFit, moves: Sequence[Move]) -> list[tuple[float, Move, Float
     """Gain [nats], move and coordinates (k) of each beside a fit, the best first.
 
     Of the best ones by the quadratic model the gain is that of the likelihood itself.
-
-    Args:
-        fit: with a Jacobian.
-        moves: that may be made.
     """
     if not moves:
         return []

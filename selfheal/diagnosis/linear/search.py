@@ -55,7 +55,6 @@ class Search:
 
         Args:
             start: fit to begin with, from where values are fitted first.
-            candidates: terms that may be added.
             progress: called with what is tried and how many effects have a name.
         """
         self.candidates, self.say = candidates, progress
@@ -128,7 +127,6 @@ class Search:
         """Put another form of a term in its place where that is likelier.
 
         Args:
-            term: with a name.
             is_alike: whether only forms of the same effect may.
         """
         fit, (share, rows) = self.fit, self._independence()
@@ -158,11 +156,6 @@ class Search:
 
         Those whose gain is less by no more than what a parameter more would have to
         gain; they begin at the values that they have there.
-
-        Args:
-            fit: of the path.
-            less: without the term.
-            term: with a name in it.
         """
         share, rows = self._independence(fit)
         least = less.cost - fit.cost - 0.5 * np.log(rows) / share
@@ -183,12 +176,6 @@ class Search:
         self, fit: LinearFit, less: LinearFit, term: Term, rng: np.random.Generator
     ) -> tuple[float, float, float]:
         """What speaks for a named term, beside all others.
-
-        Args:
-            fit: of the path.
-            less: without the term.
-            term: with a name in it.
-            rng: draws resamples of the blocks.
 
         Returns:
             Gain of the likelihood [nats] per independent error. The p-value of its

@@ -75,9 +75,7 @@ class SegmentErrors(ErrorModel):
         where nothing touches, the error of the time step.
 
         Args:
-            terms: of the hypothesis.
             values: (1, P) of them [units of the parameters].
-            errors: with them.
         """
         count = values.shape[1]
         jacobian = np.zeros((errors.values.size, count))
@@ -128,7 +126,6 @@ class SegmentErrors(ErrorModel):
         """The errors with initial states and weights that suit a hypothesis.
 
         Args:
-            terms: of it.
             values: (P) [units of the parameters].
         """
         problem = self.problem

@@ -90,7 +90,6 @@ class TorqueBalance(ErrorModel):
         Args:
             terms: of the hypothesis, and the one that is added last.
             values: (n, P) of all of them [units of the parameters].
-            errors: without that term.
         """
         if is_force_law(terms[-1].effect) and not any(t.onset for t in terms):
             return _compute_forces(self.motion, terms, values)
@@ -105,9 +104,7 @@ class TorqueBalance(ErrorModel):
         and motion in steps of the simulation rather than in continuous time.
 
         Args:
-            terms: of the hypothesis.
             values: (P) of them [units of the parameters].
-            errors: with them.
         """
         motion, simulator = self.motion, self.motion.simulator
         late = replace(motion, simulator=simulator.with_late_commands)
@@ -163,8 +160,6 @@ def compute_errors(
     explained by having no mass.
 
     Args:
-        motion: as measured.
-        terms: of the hypotheses.
         values: (n, P) of them [units of the parameters].
         shift: further changes of signals, as `MeasuredMotion.read` has them.
         in_steps: as `compute_accelerations` has it.
@@ -205,10 +200,7 @@ def _compute_errors(
     """Equation errors of n hypotheses whose terms act all the time.
 
     Args:
-        motion: as measured.
-        terms: of the hypotheses.
         values: (n, P) of them [units of the parameters].
-        shift: further changes of signals.
         in_steps: as `compute_accelerations` has it.
     """
     acting, acts, read = _split(motion, terms, values, shift)
@@ -249,7 +241,6 @@ def _spread_friction(motion: MeasuredMotion, velocity: Floats, loss: Floats) -> 
     any value up to its loss.
 
     Args:
-        motion: as measured.
         velocity: (W, J) as read.
         loss: (W, J) dry friction.
     """
@@ -285,10 +276,7 @@ def _split(
     """What acts on the robot, and what each hypothesis makes of its readings.
 
     Args:
-        motion: as measured.
-        terms: of n hypotheses.
         values: (n, P) of them [units of the parameters].
-        shift: further changes of signals.
 
     Returns:
         Terms that do more than change readings, their values (n, p), and n readings.
@@ -332,8 +320,6 @@ def _compute_forces(
     """Changes of equation errors by the last term, a force law, at n values.
 
     Args:
-        motion: as measured.
-        terms: of the hypotheses.
         values: (n, P) of them [units of the parameters].
     """
     acting, acts, read = _split(motion, terms, values, {})

@@ -135,7 +135,6 @@ def _format_delay(delay: str, low: str, high: str) -> list[str]:
     Args:
         delay: as text [s].
         low: name of the field of the least delay.
-        high: of the largest one.
     """
     steps = f"round({delay} / PHYSICS_DT)"
     return [f"        {field}={steps}," for field in (low, high)] if delay else []

@@ -35,8 +35,6 @@ def describe_actuators(
     Args:
         given: the model that was diagnosed, compiled.
         patched: with the findings that its text can say, compiled.
-        document: diagnosis.json.
-        name: of the given model's file.
     """
     before = describe_joints(given)
     joints = {n: v for n, v in describe_joints(patched).items() if n in before}

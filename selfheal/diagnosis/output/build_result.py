@@ -65,9 +65,6 @@ def build_diagnosis(
 
     Args:
         dataset: the recordings, parted in training and held out.
-        hypothesis: with the named effects.
-        verdict: of the contract.
-        proof: errors on the held-out recordings.
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
@@ -169,8 +166,6 @@ def patch_or_nominal(
     Where the text cannot be patched, the text as given and the reason.
 
     Args:
-        dataset: with the model as given.
-        terms: that become true.
         values: (P) of them [units of the parameters].
     """
     try:
@@ -186,8 +181,6 @@ def build_patch(
     """Text of patched.xml beside the given model, its difference, and the edits.
 
     Args:
-        dataset: with the model as given.
-        terms: that become true.
         values: (P) of them [units of the parameters].
 
     Raises:
@@ -250,8 +243,6 @@ def _write_remarks(
     """Sentences that a reader should know before believing the rest.
 
     Args:
-        dataset: the recordings.
-        hypothesis: with the named effects.
         structure: what a torque of free form would still explain.
         refuted: effects that the held-out recordings took back, as text.
         refit: entries of diagnosis.json's "refit".

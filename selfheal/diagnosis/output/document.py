@@ -59,7 +59,6 @@ def _list_by_term(fit: Fit, errors: Floats) -> dict[Term, list[dict[str, Any]]]:
     """The parameters of each term of a fit, as a finding lists them.
 
     Args:
-        fit: with terms and values.
         errors: (P) standard errors of its values.
     """
     split = (split_values(fit.terms, x) for x in (fit.values, errors))
@@ -84,7 +83,6 @@ def list_parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str
     Where a parameter takes the place of what the model states, that is "given".
 
     Args:
-        term: of the finding.
         values: (p) of its parameters [each one's unit].
         errors: (p) their standard errors.
     """

@@ -61,7 +61,6 @@ def _square_residuals(
 
     Args:
         problem: with M samples of S signals.
-        terms: of a fit.
         values: (P) of all their parameters.
     """
     r = problem.unmarginalized.residuals_at(terms, values)
@@ -77,8 +76,6 @@ def _describe_location(
     """Where an effect lowers the error: signals, regime and segments.
 
     Args:
-        dataset: whose training recordings were fitted.
-        segments: with M samples.
         masks: (R, M, S) whether a sample is in a regime.
         gain: (M, S) by how much the effect lowers the squared error [variances].
     """
@@ -138,13 +135,7 @@ def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
 def _describe_segment(
     simulator: Simulator, segments: Segments, w: int
 ) -> dict[str, Any]:
-    """Episode, start and end of a segment.
-
-    Args:
-        simulator: with the episodes.
-        segments: of which one is described.
-        w: its number.
-    """
+    """Episode, start and end of a segment."""
     episode = simulator.episodes[int(segments.episode[w])]
     start = episode.start + segments.first_step[w] * simulator.timestep
     return {"episode": episode.id, "start": start,

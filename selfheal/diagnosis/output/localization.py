@@ -57,7 +57,6 @@ def classify_samples(
     Args:
         simulator: with the episodes and the signals.
         robot: whose joints' typical motion tells what is slow, fast and near.
-        segments: with M samples.
 
     Returns:
         (R, M, S) of bool, in the order of `REGIMES` and of the signals.
@@ -124,10 +123,8 @@ def _is_in_regime(
     """Whether any of some joints is in a regime at each step.
 
     Args:
-        name: of the regime.
         motion: of an episode, at G steps.
         joints: that are looked at, by their order.
-        robot: they belong to.
 
     Returns:
         (G) of bool.
@@ -156,9 +153,6 @@ def _is_joint_in_regime(
     """Whether a joint is slow, fast, highly loaded, near a limit or saturated.
 
     Args:
-        name: of the regime.
-        robot: the joint belongs to.
-        joint: of the robot.
         q: (G) its position [rad or m].
         v: (G) its velocity [rad/s or m/s].
         load: (G) its load [N m or N].
@@ -217,7 +211,6 @@ def localize_error(
     Args:
         simulator: with the episodes and the signals.
         robot: whose joints' motion makes the regimes.
-        segments: with M samples.
         square: (M, S) squared residuals [variances].
 
     Returns:

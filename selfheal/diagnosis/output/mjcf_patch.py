@@ -31,9 +31,7 @@ def build_edits(
     """Edits after which the text states what terms say, as far as MuJoCo can.
 
     Args:
-        source: what the text states.
         variant: the compiled model with the joints that the terms add.
-        terms: of the fit.
         values: (P) of all their parameters.
     """
     old, new = variant.model, variant.build_model(terms, values)
@@ -60,7 +58,6 @@ def _edit_joints(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterato
     states the rest.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it, with the joints that effects add.
         new: compiled, as the text is to be.
     """

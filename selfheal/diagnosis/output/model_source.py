@@ -91,7 +91,6 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
 
     Args:
         path: of the MJCF or URDF.
-        changes: of its text.
 
     Raises:
         ModelError: an edit speaks of what has no text, or MuJoCo refuses the new one.

@@ -30,7 +30,6 @@ def edit_actuators(
     """Edits of the actuators that differ between two models.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it.
         new: compiled, as the text is to be.
         before: edits that come first, and may make an actuator a <general> one.
@@ -111,10 +110,8 @@ def _keep_inherited_range(
     """Attributes that keep the range that an actuator took from its joint.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it.
         new: compiled, as the text is to be.
-        a: id of the actuator.
         general: whether it becomes a <general> one, which inherits no range.
     """
     joint = int(new.actuator_trnid[a, 0])

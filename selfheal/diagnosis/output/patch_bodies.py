@@ -27,7 +27,6 @@ def edit_bodies(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator
     """Edits of the bodies whose place, mass, inertia or carried weight differs.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it.
         new: compiled, as the text is to be.
     """
@@ -117,8 +116,6 @@ def _moved_position(source: ModelSource, element: Any, old: Floats, new: Floats)
     """The `pos` of an element that has moved in its body.
 
     Args:
-        source: what the text states.
-        element: of the spec.
         old: (3) its compiled position before [m].
         new: (3) its compiled position after [m].
     """
@@ -131,8 +128,6 @@ def _moved_ends(
     """The `fromto` of an element that has moved in its body.
 
     Args:
-        source: what the text states.
-        element: of the spec.
         moved: (3) the way of its middle, in the axes of the body [m].
         grown: its new length over the old one.
     """
@@ -169,9 +164,6 @@ def _edit_span(
     """Attributes of a geom or site that is stated by `fromto` and differs.
 
     Args:
-        source: what the text states.
-        element: of the spec.
-        kind: mjtGeom of it.
         moved: (3) the way of its middle, in the axes of the body [m].
         sizes: (3) before and after [m].
     """
@@ -189,7 +181,6 @@ def edit_geoms(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[
     """Edits of the geoms that differ between two models.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it.
         new: compiled, as the text is to be.
     """
@@ -230,7 +221,6 @@ def edit_sites(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[
     """Edits of the sites that have moved between two models.
 
     Args:
-        source: what the text states.
         old: compiled, as the text states it.
         new: compiled, as the text is to be.
     """

@@ -35,9 +35,7 @@ def make_pose_trace(
     """Poses of all bodies in a segment, where it is long in its worst part.
 
     Args:
-        simulator: with the segment's episode.
         segments: W of them, with M samples.
-        chosen: number of the segment.
         squares: (M) squared errors, by which the worst part is found.
         models: terms and values (P) of the model as given, and of the patched one.
     """
@@ -116,8 +114,6 @@ def _measure_poses(
     These are where the model as given, simulated, has them.
 
     Args:
-        simulator: with the episode.
-        episode: its number.
         steps: (F) of its grid.
     """
     model = simulator.compiler.nominal

@@ -54,7 +54,6 @@ def replay_recording(
     """The recording with every predictable signal filled in, open loop.
 
     Args:
-        folder: of a diagnosis.
         recording: commands and initial states, or readings that tell where an episode
             starts; signals say what is asked for.
         model: another version of the robot's model; None: the patched one.
@@ -91,7 +90,6 @@ def _build_terms(
     """The terms that a diagnosis adds to a model, and all their values (P).
 
     Args:
-        document: diagnosis.json.
         compiler: of the model that is replayed.
         patched: whether that is patched.xml, which has the native findings.
     """
@@ -191,8 +189,6 @@ def _replay_episode(
 
     Args:
         compiler: of the model that is replayed.
-        recording: with the episode.
-        name: of the episode.
         terms: that a diagnosis adds to the model.
         values: (P) of all their parameters.
         added: ids of joints that a patch added, which the episode's state lacks.

@@ -182,7 +182,6 @@ class Diagnosis:
         """The result of a search that was stopped before its end.
 
         Args:
-            stage: what was being done.
             count: of the effects that could be somewhere in the robot.
             untried: names of those of them that were not tried everywhere.
         """

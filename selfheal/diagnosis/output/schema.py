@@ -22,10 +22,6 @@ MAX_FINDING_VALUE = 1e12  # beyond it no robot has a parameter in any unit; chos
 def check_entries(path: object, document: Mapping[str, Any]) -> None:
     """Refuse findings and re-fitted values that say nothing a replay could use.
 
-    Args:
-        path: of diagnosis.json, for the message.
-        document: as read.
-
     Raises:
         InputError: the first one, by file and entry, and what would fit.
     """
@@ -73,9 +69,6 @@ def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> No
 
     Args:
         where: file and entry, for the message.
-        key: of the entry.
-        target: its value there.
-        kinds: of what it may name.
     """
     kind, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
     if kind not in kinds or (kind == "world") == bool(colon and name):
@@ -88,8 +81,6 @@ def _check_field(where: str, value: Any, field: FindingField) -> None:
 
     Args:
         where: file and entry, for the message.
-        value: of the field.
-        field: that the effect declares.
     """
     if field.target_kind:
         _check_target(where, field.name, value, (field.target_kind,))
@@ -104,7 +95,6 @@ def _check_parameters(where: str, entries: Any, effect: Effect) -> None:
     Args:
         where: file and entry, for the message.
         entries: "parameters" of a finding, as read.
-        effect: of the finding.
     """
     is_list = isinstance(entries, list)
     if not is_list or not all(isinstance(p, dict) for p in entries):
@@ -125,8 +115,6 @@ def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
 
     Args:
         where: file and entry, for the message.
-        value: of a parameter, as read.
-        spec: that the effect declares.
     """
     what = f"value of {spec.name}"
     is_list = isinstance(value, list)
@@ -172,12 +160,5 @@ def _is_number(value: Any) -> bool:
 
 
 def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
-    """The error of a value that is wrong.
-
-    Args:
-        where: file and entry.
-        what: is wrong there.
-        value: that it has.
-        fits: what it might be.
-    """
+    """The error of a value that is wrong."""
     return InputError(f"{where}: {what} is {shorten_value(value)}; would fit: {fits}")

@@ -32,7 +32,6 @@ def check_folder(folder: str | os.PathLike[str], force: bool) -> Path:
     """The folder, if a diagnosis can be written there and nothing else is lost.
 
     Args:
-        folder: that a user names.
         force: whether an earlier diagnosis there may be replaced.
 
     Raises:
@@ -66,7 +65,6 @@ def claim_folder(
     """Keep a folder to one diagnosis, until that is written.
 
     Args:
-        folder: that a user names.
         force: whether an earlier diagnosis there may be replaced.
         resume: whether a diagnosis that was killed goes on; else its arrays are lost.
 

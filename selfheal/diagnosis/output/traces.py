@@ -70,12 +70,8 @@ def _make_trace(
     """A column of one segment over time, or of all poses over their number.
 
     Args:
-        simulator: with the segment's episode.
-        segments: with M samples.
         predicted: (M, C) by the model as given, re-fitted, and patched.
-        c: the signal.
         k: the column, among those of all signals.
-        w: the segment.
     """  # fmt: skip
     if segments.is_single_readings:
         name, rows = "", np.arange(len(segments.segment_of_sample))

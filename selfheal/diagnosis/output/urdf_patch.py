@@ -53,7 +53,6 @@ def explain_urdf(
     """What a user should know of the patched URDF.
 
     Args:
-        path: of the URDF.
         given: the MJCF that MuJoCo makes of it, compiled.
         patched: the MJCF with all changes, compiled.
     """
@@ -82,7 +81,6 @@ class UrdfPatch:
         """Edit the text of a URDF.
 
         Args:
-            path: of the URDF.
             given: the MJCF that MuJoCo makes of it, compiled.
             patched: the MJCF with all changes, compiled.
         """
@@ -191,8 +189,6 @@ class UrdfPatch:
         """Set attributes of an element's child, which is made where it is missing.
 
         Args:
-            element: the parent.
-            tag: of the child.
             values: of its attributes; without any nothing is made.
         """
         if not values:
@@ -290,8 +286,6 @@ def _pair_ids(
     """Ids in both models of what has a name in the first one.
 
     Args:
-        urdf: compiled.
-        patched: compiled.
         kind: "joint" or "body".
         count: of them in the first model.
     """

@@ -91,7 +91,6 @@ def _fit_if_explained(fit: Fit, chosen: np.ndarray) -> Fit | None:
     """Fit some segments; None where most show more than noise and time step.
 
     Args:
-        fit: to all segments.
         chosen: (v) numbers of segments.
     """
     part = fit.problem.select(chosen)
@@ -112,7 +111,6 @@ def _build_onset(
     """The onset at the middle between two segments.
 
     Args:
-        problem: the segments.
         order: (W) their numbers in order of time.
         at: place in that order of the first segment after the change.
         low: the same, where the interval begins.
@@ -150,7 +148,6 @@ def locate_change_point(whole: Problem, fit: Fit) -> Fit:
     in sum over the blocks by a standard error.
 
     Args:
-        whole: all segments, with other weights.
         fit: with effects that set in at some time.
     """
     problem = fit.problem
@@ -207,8 +204,6 @@ def choose_held_out_after(
     """Names of other episodes to hold out, all of them later than an onset.
 
     Args:
-        onset: when effects set in.
-        recordings: of the robot.
         held_out: the episodes that are held out now.
 
     Returns:

@@ -54,7 +54,6 @@ def search_effects(
     Args:
         state: in which nothing has a name.
         longer: the problem in longer and longer segments.
-        rng: draws noise and resamples.
         record: of what was tried and found.
     """
     states = [state]

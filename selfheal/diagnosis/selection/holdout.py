@@ -58,7 +58,6 @@ def keep_predictive(
     that the values make up for it. Not in the segments of the search.
 
     Args:
-        dataset: with the held-out episodes.
         refined: the hypothesis after its last fit.
         searched: the same one as the search fitted it.
     """
@@ -73,10 +72,6 @@ def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis without stated values at bounds, if it predicts no worse.
 
     Neither held-out episodes nor those fitted: few of the former tell little.
-
-    Args:
-        dataset: with all episodes.
-        hypothesis: after its last fit.
     """
     fit = hypothesis.final
     released = release_bounds(fit)
@@ -211,11 +206,6 @@ def try_equivalents(
 ) -> tuple[list[NamedEffect], Fit]:
     """The equivalent of a name that clearly helps most in held-out episodes, if any.
 
-    Args:
-        judge: of the held-out episodes.
-        refuted: the name.
-        less: the fit without it.
-
     Returns:
         The name in its place, or none, and the fit.
     """
@@ -246,7 +236,6 @@ def squared_error_reestimated(problem: Problem, fit: Fit) -> float:
 
     Args:
         problem: that the fit was not fitted to.
-        fit: to be judged.
     """
     if problem.initial_state_shift is not None:
         problem = marginalize_initial_states(problem, fit.terms, fit.values)

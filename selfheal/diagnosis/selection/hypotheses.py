@@ -75,7 +75,6 @@ def start_search(
         problem: all segments that may be used.
         robot: where effects may act.
         nominal_terms: terms of the nominal model's values.
-        effects: the catalogue.
         rng: draws the segments of the search.
     """
     searched = [effect for effect in effects if not isinstance(effect, Quantization)]
@@ -115,7 +114,6 @@ def name_effects(
         start: state in which nothing has a name yet; its candidates may set in.
         problem: all segments that may be used.
         longer: longer and longer segments, in which slow effects show.
-        rng: draws segments, noise and resamples.
         record: of what was tried and found.
     """
     steps = _count_search_steps(start.nominal_count)
@@ -143,7 +141,6 @@ def finish_early(
     """What a search that was stopped had found.
 
     Args:
-        record: of the search.
         start: state in which nothing had a name yet.
         problem: all segments that may be used.
     """

@@ -76,7 +76,6 @@ def compare(first: Sequence[Floats], second: Sequence[Floats]) -> Floats:
 
     Args:
         first: errors of one, from `Judge.log_errors`.
-        second: errors of the other.
     """
     out = []
     for lead in _pair(first, second):
@@ -92,7 +91,6 @@ def measure_lead(first: Sequence[Floats], second: Sequence[Floats]) -> float:
 
     Args:
         first: errors of one, from `Judge.log_errors`.
-        second: errors of the other.
     """
     return float(np.mean([lead.mean() for lead in _pair(first, second)]))
 
@@ -119,7 +117,6 @@ def is_outdone(first: Sequence[Floats], second: Sequence[Floats]) -> bool:
 
     Args:
         first: errors of the one, from `Judge.log_errors`.
-        second: errors of the other.
     """
     diverges = any(
         (~np.isfinite(a) & np.isfinite(b)).any()

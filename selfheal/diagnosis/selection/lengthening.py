@@ -20,7 +20,6 @@ def fit_longer(fit: Fit, longer: Sequence[Problem]) -> Fit:
     """The fit repeated in longer and longer segments, as far as these inform.
 
     Args:
-        fit: to begin with.
         longer: the problem in longer and longer segments.
     """
     for other in longer:

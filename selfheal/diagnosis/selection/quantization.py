@@ -26,8 +26,6 @@ def name_quantization(
 
     Args:
         hypothesis: with a fit to what the readings were before rounding.
-        robot: with the channels.
-        effects: the catalogue.
     """
     problem, final = hypothesis.problem, hypothesis.final
     residual = residual_rms(problem, final.residuals) ** 2
@@ -56,7 +54,6 @@ def append_step(fit: Fit, term: Term, step: float) -> Fit:
 
     Args:
         fit: to readings before they were rounded.
-        term: of the signal.
         step: [unit of the signal].
     """
     return replace(

@@ -104,7 +104,6 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
     """Fit the nominal terms alone, and all terms of a hypothesis, to other segments.
 
     Args:
-        problem: the segments.
         start: (P) values of the hypothesis to begin with.
         hypothesis: fitted to the segments of the search.
     """
@@ -151,9 +150,6 @@ def refit_native_timestep(base: LinearizedFit) -> LinearizedFit:
 
     This is what a user sees who replays the model: half a step early, and with another
     damping than in continuous time. A fit in continuous time gives the effects' truth.
-
-    Args:
-        base: that fit.
 
     Returns:
         The fit in the same segments, stepped as MuJoCo does.

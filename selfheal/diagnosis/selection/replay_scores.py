@@ -162,7 +162,6 @@ def _score_models(
     """Scores [1] and errors by kind of models and of the floor, which none beats.
 
     Args:
-        simulator: with S channels.
         squares: (E, S) sums of squared errors of each model, by its name.
         count: (E, S) readings of each episode and signal.
         floor: (S) mean squares that the best model would leave.
@@ -188,7 +187,6 @@ def _score_horizons(
     a chaotic robot cannot be predicted farther. Single readings have no horizon.
 
     Args:
-        dataset: with the held-out episodes.
         models: to be replayed, by name: terms and their values (P).
         patched: the fit that tells how far the robot can be predicted.
     """

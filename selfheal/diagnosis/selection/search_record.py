@@ -28,7 +28,6 @@ class SearchRecord:
 
         Args:
             progress: called with a message and the share (0 to 1) of all that is done.
-            time_left: predicts that share.
         """
         self._progress = progress or (lambda what, share: None)
         self._time_left = time_left or TimeLeft()

@@ -169,7 +169,6 @@ def reweight_and_fit(fit: Fit, iterations: int, *, tries_multiples: bool = True)
     by the variance of its own residuals.
 
     Args:
-        fit: to begin with.
         iterations: of Gauss-Newton, at most.
         tries_multiples: whether values are looked at farther off first.
     """
@@ -189,7 +188,6 @@ def reweight_repeatedly(fit: Fit, iterations: int) -> Fit:
     By the errors of the model as given one joint would outweigh all others.
 
     Args:
-        fit: to begin with.
         iterations: of Gauss-Newton in each problem, at most.
     """
     for _ in range(SELECTION.reweightings_of_all):

@@ -127,7 +127,6 @@ def _find_restorable(base: LinearizedFit, half: Floats) -> np.ndarray:
     the root of C_ii.
 
     Args:
-        base: the fit.
         half: (P) half the interval of each value.
     """
     fit = base.fit
@@ -156,8 +155,6 @@ def _fit_restored(fit: Fit, restored: np.ndarray, iterations: int) -> Fit:
     """Fit again with some stated values as the model states them.
 
     Args:
-        fit: to begin with.
-        restored: numbers of these values.
         iterations: of the fit, at most.
     """
     base = LinearizedFit.from_fit(fit)
@@ -182,7 +179,6 @@ def _round(base: LinearizedFit, half: Floats, chosen: np.ndarray) -> Floats:
     far better together than one by one, they get more digits.
 
     Args:
-        base: the fit.
         half: (P) half the interval of each value; 0 or infinite: not to be rounded.
         chosen: (P) which ones.
     """

@@ -99,7 +99,6 @@ def _choose_likeliest(base: LinearizedFit, terms: Sequence[Term]) -> list[Term]:
     """The few of many terms that would lower the cost most, by a score test (Rao 1948).
 
     Args:
-        base: the fit without them.
         terms: as many parameters each, which do nothing at their nominal values.
     """
     most = SELECTION.max_free_forms

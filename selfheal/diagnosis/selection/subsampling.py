@@ -31,9 +31,7 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
     """Draw segments that have about so many simulation steps in sum.
 
     Args:
-        problem: all segments.
         steps: [steps of the given model] of the segments in sum, about.
-        rng: draws segments.
 
     Returns:
         (v) numbers of segments, in order.
@@ -56,9 +54,7 @@ def subsample_problem(
     """The problem in segments drawn at random.
 
     Args:
-        problem: all segments.
         steps: [steps of the given model] of the segments in sum, about.
-        rng: draws segments.
     """
     return problem.select(draw_segments(problem, steps, rng))
 
@@ -72,7 +68,6 @@ def find_overlooked_segments(
     In contact none are looked for: a segment may be an outlier by an impact alone.
 
     Args:
-        problem: all segments.
         chosen: (v) numbers of the segments that were drawn.
         fit: the fit to these segments, weighted by their residuals.
 

@@ -125,10 +125,6 @@ def predicts_worse(scores: HeldOutScores, others: Sequence[str]) -> bool:
     """Whether the patched model predicts worse than others over some horizon.
 
     By 5 %, and by more than the floor that noise leaves; or whether it diverges.
-
-    Args:
-        scores: of the models, by name.
-        others: names of the others.
     """
     ratio = SELECTION.worse_replay_ratio
     return any(
@@ -144,9 +140,7 @@ def removes_too_little(
     """Whether names remove next to nothing of the explainable held-out error.
 
     Args:
-        dataset: with the held-out episodes.
         hypothesis: with names, or without.
-        scores: its replay.
     """
     if not hypothesis.named:
         return False
@@ -168,11 +162,6 @@ def is_replay_off(
     It has to be so without the time step's own error as well. Of a robot with contact
     it has to be so in most episodes: in one it may fall on another side by chance.
     Single readings do not tell the noise.
-
-    Args:
-        dataset: with the held-out episodes.
-        hypothesis: that was replayed.
-        scores: its replay.
     """
     if scores.segments.is_single_readings:
         return False
@@ -190,7 +179,6 @@ def _typical_score(simulator: Simulator, squares: Floats, count: Floats) -> floa
     """Score [1] of all episodes, or in contact the median of their scores.
 
     Args:
-        simulator: of the held-out episodes.
         squares: (E, S) [unit of the signal, squared] errors.
         count: (E, S) readings.
     """

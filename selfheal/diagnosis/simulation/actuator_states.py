@@ -36,11 +36,6 @@ def compute_activations(
     An integrator begins at 0 with an episode whose initial state is given, as in
     MuJoCo; elsewhere it begins where its actuator then is.
 
-    Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        segments: W of them.
-
     Returns:
         (N, na), N = n W, all segments of a hypothesis in a row; None where no actuator
         has an activation.
@@ -74,9 +69,7 @@ def fill_histories(
     2).
 
     Args:
-        system: that is simulated.
         model: a variant of the given model, compiled.
-        segments: W of them.
 
     Returns:
         (W, nhistory); None where no actuator has a delay.
@@ -104,11 +97,6 @@ def integrate_servo_errors(
     segments: Segments,
 ) -> dict[int, Floats]:
     """Integrate the errors of servos with an integral up to where segments begin.
-
-    Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        segments: W of them.
 
     Returns:
         (N) [rad s] by actuator, N = n W, all segments of a hypothesis in a row.
@@ -150,8 +138,6 @@ class _IntegratingServo:
         with what the first motion needs beside the servo's other torque.
 
         Args:
-            segments: W of them.
-            model: of the hypothesis, compiled.
             gain: of the integral [N m/(rad s)].
             bound: largest integrated error [rad s], either way.
 
@@ -189,8 +175,6 @@ class _IntegratingServo:
 
         Args:
             segments: to which the cached motion belongs.
-            model: of a hypothesis, compiled.
-            episode: its number.
             at: (K) steps of its grid.
 
         Returns:
@@ -243,7 +227,6 @@ def filter_commands(
     w[k+1] = w[k] + h u[k] within its range (MuJoCo, actuation model).
 
     Args:
-        model: compiled.
         ctrl: (G, nu) commands of each step.
         step: of the grid [s].
         begin: (nactuator) with which integrators begin.
@@ -282,11 +265,6 @@ def _follow_pids(
 
     A state is its goal where that is slow, or its summed error. The goal begins with
     the first command. The sum begins at 0, and stays there where the joint is not read.
-
-    Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        episode: with G steps.
 
     Returns:
         (1 or n, G, states) of each.

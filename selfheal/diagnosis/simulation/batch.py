@@ -89,7 +89,6 @@ def center_damping(
     would be left with next to none.
 
     Args:
-        model: compiled; its armature is changed.
         step: of the simulation [s].
         inverse_inertias: (k, nv, nv) of the joints in k poses.
     """
@@ -138,10 +137,6 @@ def make_batch(hypotheses: Hypotheses, initial: BatchState) -> "Batch":
 
     All share one model, with arrays by simulation of the fields in which hypotheses
     differ, so that effects can write into these.
-
-    Args:
-        hypotheses: n of them.
-        initial: states of the N simulations.
     """
     from mujoco.batch import Batch
 
@@ -184,7 +179,6 @@ def shift_velocity_back(batch: "Batch", initial: BatchState) -> Floats:
 
     Args:
         batch: of N simulations, after one step; changed.
-        initial: their states before it.
 
     Returns:
         (N, nv) these velocities [rad/s or m/s].

@@ -63,8 +63,6 @@ def build_simulator(
     """Build the simulator of recordings that fit a model.
 
     Args:
-        compiler: of the model.
-        recordings: to be simulated.
         whole: recordings of which these are parts, in whose order episodes are
             numbered; none: these themselves.
         fitted: channels of the data that are fitted, whose columns these have, too,
@@ -96,10 +94,8 @@ def sample_with_base(
     """Put an episode on the grid of a model's steps, with the motion of its base.
 
     Args:
-        name: of the episode.
         episode: of a recording that fits the model.
         channels: of which its readings are taken.
-        model: compiled.
     """
     step = float(model.opt.timestep)
     sampled = sample_episode(name, reorder_commands(episode, model), channels, step)
@@ -115,9 +111,6 @@ def _estimate_base_motion(
     """Estimate the motion of a floating base that no sensor of poses reads.
 
     Args:
-        model: compiled.
-        channels: that were read.
-        episode: with the readings.
         step: of the simulation [s].
     """
     if not (model.jnt_type == 0).any():  # mjtJoint: free
@@ -280,13 +273,7 @@ def _may_rest_on_ground(model: mujoco.MjModel) -> bool:
 def summarize_actuators(
     simulator: Simulator, states: StateReconstruction, joints: Sequence[Joint]
 ) -> tuple[Actuator, ...]:
-    """Summarize the actuators, and how the recordings use them.
-
-    Args:
-        simulator: of the recordings.
-        states: of the robot in them.
-        joints: hinges and slides.
-    """
+    """Summarize the actuators, and how the recordings use them."""
     model, actuators = simulator.compiler.nominal, []
     by_id = {j.id: j for j in joints}
     for a in range(model.nactuator):
@@ -302,9 +289,6 @@ def _summarize_actuator(
     """Summarize an actuator, by MuJoCo's force = gain . ctrl + b0 + b1 l + b2 dl/dt.
 
     Args:
-        simulator: of the recordings.
-        states: of the robot in them.
-        a: id of the actuator.
         joint: that it drives; None: no hinge or slide.
     """
     model = simulator.compiler.nominal
@@ -352,8 +336,6 @@ def _transmission_motion(
     """Lengths and velocities (W) of an actuator, by MuJoCo's actuator_length.
 
     Args:
-        model: compiled.
-        a: id of the actuator.
         joint: that it drives; None: no hinge or slide.
         qpos: (W, nq).
         qvel: (W, nv).

@@ -46,7 +46,6 @@ class SimulationCache:
         """What `compute` gives, kept under `key` while the segments live.
 
         Args:
-            segments: that the value belongs to.
             key: tells it from the other values of these segments.
             compute: gives the value; called where it is not kept.
         """

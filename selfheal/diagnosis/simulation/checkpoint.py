@@ -40,7 +40,6 @@ class Checkpoint:
 
         Args:
             inputs: all that the arrays depend on, in any form that `Digester` takes.
-            compute: gives the arrays.
 
         Raises:
             TypeError: no digest can be made of the inputs.

@@ -115,8 +115,6 @@ def find_divergence(
     The time is found by bisection of the first diverging segment.
 
     Args:
-        simulator: that is simulated.
-        segments: W of them.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
 

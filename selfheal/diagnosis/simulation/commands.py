@@ -26,9 +26,6 @@ def compute_commands(
     """Commands of each simulation, as they reach the actuators.
 
     Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        segments: W of them.
         centered: as `transform_commands` has it.
         mean: as `transform_commands` has it.
 
@@ -90,9 +87,7 @@ def transform_commands(
     """Commands of an episode on its grid, as they reach the actuators.
 
     Args:
-        terms: T of them.
         term_values: (n, p) of each term.
-        episode: with G steps.
         step: of the grid [s].
         centered: whether a command counts from half a step before to half a step after
             its step, as a leapfrog has it.

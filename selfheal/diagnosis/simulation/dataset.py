@@ -95,7 +95,6 @@ def prepare_dataset(
 
     Args:
         model: path of an MJCF or a URDF.
-        recordings: of the robot.
         held_out: names of episodes or parts of them, as `recording.split` takes them.
         memory: folder of the checkpoint; None: nothing is kept.
 
@@ -144,7 +143,6 @@ def _split_recordings(
     """Divide each recording into what may be fitted and what is held out.
 
     Args:
-        recordings: whole.
         held_out: names of episodes or parts of them; none: each recording's last part.
 
     Raises:
@@ -191,9 +189,6 @@ def choose_coarsening(simulator: Simulator) -> int:
 
     As many as change no signal by more than a share of its noise, in segments of 2 s.
     Where something touches, the motion is that of the model's own step alone.
-
-    Args:
-        simulator: of the model's own steps.
     """
     gaps = np.concatenate([np.diff(e.sample_steps) for e in simulator.episodes])
     noise = np.concatenate([c.noise for c in simulator.channels])
@@ -224,7 +219,6 @@ def cut_readable_segments(simulator: Simulator, seconds: float) -> Segments:
     would begin, stays whole.
 
     Args:
-        simulator: of the episodes.
         seconds: of a segment [s].
     """
     steps = max(2, round(seconds / simulator.timestep))

@@ -33,13 +33,7 @@ class InitialStates:
         hypotheses: Hypotheses,
         segments: Segments,
     ) -> None:
-        """What the states are of.
-
-        Args:
-            system: that is simulated.
-            hypotheses: n of them.
-            segments: W of them.
-        """
+        """What the states are of."""
         self.system = system
         self.hypotheses, self.segments = hypotheses, segments
 
@@ -148,7 +142,6 @@ class InitialStates:
         Where an episode begins in a given state, the added joint begins at 0.
 
         Args:
-            effect: that adds the joint.
             place: of the joint, as the hypotheses' variant numbers it.
             values: (n, p) of the effect.
             qpos: (n, W, nq) of the variant; changed.
@@ -175,7 +168,6 @@ def _add_offset(
     """States moved in their tangent space, as MuJoCo integrates a position.
 
     Args:
-        model: compiled.
         qpos: (n, W, nq).
         qvel: (n, W, nv).
         offset: (n, W, 2 nv), of positions and then velocities.

@@ -22,7 +22,6 @@ def find_column_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray
     """(C) the tree of each column of readings, `NO_TREE` of what is read in several.
 
     Args:
-        simulator: of the robot.
         terms: of a hypothesis, which may add joints.
     """
     of_channel = _find_channel_trees(simulator, terms)
@@ -34,7 +33,6 @@ def find_state_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
     """(2 nv) the tree of each initial state: positions, then velocities.
 
     Args:
-        simulator: of the robot.
         terms: of a hypothesis, which may add joints.
     """
     variant = simulator.compiler.compile_variant(terms)
@@ -42,12 +40,7 @@ def find_state_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
 
 
 def find_value_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
-    """(P) the tree of each parameter, `NO_TREE` of what acts in several.
-
-    Args:
-        simulator: of the robot.
-        terms: P parameters in all.
-    """
+    """(P) the tree of each parameter, `NO_TREE` of what acts in several."""
     counts = [len(t.parameters) for t in terms]
     return np.repeat(find_term_trees(simulator, terms), counts)
 
@@ -56,7 +49,6 @@ def find_term_trees(simulator: Simulator, terms: Sequence[Term]) -> np.ndarray:
     """(T) the tree of each term, `NO_TREE` of what acts in several.
 
     Args:
-        simulator: of the robot.
         terms: T of them, of one hypothesis.
     """
     model = simulator.compiler.compile_variant(terms).model

@@ -175,7 +175,6 @@ class ModelCompiler:
         """Compile the model with the joints that terms add.
 
         Args:
-            terms: of a hypothesis.
             leaping: whether RK4 is to become a one-stage integrator, as a leapfrog has
                 it; only for a single joint, whose velocity acts on no other.
             touching: whether contacts are looked for, which may take half of the time.
@@ -242,10 +241,6 @@ def _replace_visual_meshes(spec: "mujoco.MjSpec", given: "mujoco.MjModel") -> No
     """Put boxes in place of meshes that are only seen: each model copies all vertices.
 
     All geoms keep their ids.
-
-    Args:
-        spec: that is changed.
-        given: the same, compiled.
     """
     geoms = spec.geoms
     for g in list_visual_meshes(spec):
@@ -267,10 +262,6 @@ def _compile_twin(spec: "mujoco.MjSpec", model: "mujoco.MjModel") -> "mujoco.MjM
     """A model with boxes in place of meshes, whose copies are small.
 
     All that an effect may edit is as in the model.
-
-    Args:
-        spec: of the model; changed.
-        model: compiled.
     """
     import mujoco
 

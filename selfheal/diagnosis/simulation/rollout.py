@@ -29,11 +29,7 @@ def simulate_batch(
     """Simulate N = n W rollouts, of n hypotheses in W segments.
 
     Args:
-        hypotheses: n of them.
-        segments: W of them.
-        initial: states of the N simulations.
         commands: (N, K, nu), as they reach the actuators at K steps.
-        sensors: reads C columns of channels.
         sampled_steps: (S) those whose readings matter.
 
     Returns:

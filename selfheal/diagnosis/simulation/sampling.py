@@ -30,7 +30,6 @@ def find_sampled_steps(
     """Steps (K) of segments beside which a sample lies, under any hypothesis.
 
     Args:
-        segments: W of them.
         reading_changes: as `Hypotheses` has them; their delays (n) shift the samples.
         step: of the simulation [s].
     """
@@ -56,9 +55,7 @@ def sample_signals(
     multiple of its step where a hypothesis says so.
 
     Args:
-        system: that was simulated.
         predicted: (n, W, K, C) true signals at each step [each channel's unit].
-        hypotheses: n of them.
         segments: W of them, with M samples.
         commands: (n, W, K, nu) that were used [each control's unit].
 
@@ -101,10 +98,7 @@ def _correct_torques(
     The simulation used the mean command of each step, or of half a step earlier.
 
     Args:
-        system: that was simulated.
         torque: (n, M) of the actuator [N m or N]; changed.
-        channel: of the torque.
-        hypotheses: n of them.
         segments: W of them, with M samples.
         at: (1 or n, M) time of each sample in its segment [steps].
         commands: (n, W, K, nu) that were used.
@@ -147,7 +141,6 @@ def _find_sent_commands(
         system: whose episodes say what was sent.
         segments: W of them, with M samples.
         at: (1 or n, M) time of each sample in its segment [steps].
-        controls: c indices into ctrl.
     """
     out = np.empty((*at.shape, len(controls)))
     for i, episode in enumerate(system.episodes):

@@ -38,8 +38,6 @@ def square_errors(
     Of an orientation's two signs, the one nearer to the reading counts.
 
     Args:
-        simulator: with S channels.
-        segments: with M samples.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
 
@@ -72,7 +70,6 @@ def sum_squared_errors(
 
     Args:
         simulator: with E episodes and S channels.
-        segments: of the episodes.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
 
@@ -102,8 +99,6 @@ def log_errors(
     noise makes of an error is added to it, for less than that tells nothing.
 
     Args:
-        simulator: with S channels.
-        segments: W of them.
         terms: effects that the given model lacks.
         values: (P) of the terms' parameters.
 
@@ -139,7 +134,6 @@ def normalize_errors(simulator: Simulator, squares: Floats, count: Floats) -> Fl
     """Root mean square error of each channel over its standard deviation.
 
     Args:
-        simulator: with S channels.
         squares: (E, S) from `sum_squared_errors`.
         count: (E, S) from `count_readings`.
 
@@ -157,7 +151,6 @@ def pool_errors(
     """Root mean square errors of all signals of a kind, by kind and unit.
 
     Args:
-        simulator: with S channels.
         squares: (E, S) from `sum_squared_errors`.
         count: (E, S) from `count_readings`.
     """
@@ -174,7 +167,6 @@ def compute_score(simulator: Simulator, squares: Floats, count: Floats) -> float
     """Score a prediction as the contract does: 0 is exact, 1 is no better than a mean.
 
     Args:
-        simulator: with S channels.
         squares: (E, S) from `sum_squared_errors`.
         count: (E, S) from `count_readings`.
 
@@ -192,10 +184,8 @@ def bootstrap_interval(
     """Bootstrap a channel's error over whole episodes (Efron 1979).
 
     Args:
-        simulator: with S channels.
         squares: (E, S) from `sum_squared_errors`.
         count: (E, S) from `count_readings`.
-        signal: number of the channel.
 
     Returns:
         Normalized error and the ends of its 90 % interval [1].

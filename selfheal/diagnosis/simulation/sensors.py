@@ -43,7 +43,6 @@ class SensorReader:
 
         Args:
             variant: of the model that is simulated.
-            channels: to be read.
             terms: effects, of which one may say that an encoder sits behind a gap or a
                 spring.
         """

@@ -73,7 +73,6 @@ class Simulator(RecordedSystem):
         Args:
             terms: effects that the given model lacks.
             values: (n, P) of all terms' parameters, a row a hypothesis.
-            segments: W segments with M samples.
             initial_state_offset: (n, W, 2 nv) added to the initial states, positions
                 and then velocities in the given model's degrees of freedom [rad or m,
                 and per s].
@@ -303,7 +302,6 @@ def collect_reading_changes(
     """Collect how terms change the readings of n hypotheses.
 
     Args:
-        terms: T of them.
         term_values: (n, p) of each term.
         channels: that are read; a place without a signal is of all of its kind.
 

@@ -62,11 +62,8 @@ def run_stepwise(
     """Simulate with effects that act at every step, as `simulate_batch` does without.
 
     Args:
-        hypotheses: n of them.
-        segments: W of them.
         initial: states of the N = n W simulations.
         commands: (N, K, nu), as they reach the actuators at K steps.
-        sensors: reads C columns of channels.
         sampled_steps: (S) those whose readings matter.
 
     Returns:
@@ -99,7 +96,6 @@ def _center_first_step(
         forces: of the effects, as they are before the first step.
         commands: (B, K, nu).
         begin: (B) time at which each simulation begins in its episode [s].
-        initial: these states.
     """
     ctrl = set_commands(batch, commands[:, 0])
     forces.apply(batch.bind("qpos"), batch.bind("qvel"), ctrl, begin)
@@ -120,10 +116,8 @@ def _run_steps(
 
     Args:
         batch: of B simulations, in their initial states.
-        forces: of the effects.
         commands: (B, K, nu), as they reach the actuators.
         begin: (B) time at which each simulation begins in its episode [s].
-        sensors: reads C columns of channels.
         centered_steps: sampled steps, of which velocities are restored as those of
             whole steps; None: the simulation is no leapfrog.
 
@@ -167,8 +161,6 @@ class EffectForces:
         """Bind the batch's arrays that effects read and write.
 
         Args:
-            batch: of B simulations.
-            actions: of the effects.
             integral_errors: (B) [rad s] by actuator, as the simulations begin.
             timestep: of the simulation [s].
         """

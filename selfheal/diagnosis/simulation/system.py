@@ -67,7 +67,6 @@ class RecordedSystem:
         the model's qpos0, or where an episode begins, where the joint comes to rest.
 
         Args:
-            episode: number of the episode.
             steps: (W) of its grid.
             reading_changes: as `estimate_state` has them; None: none.
         """

@@ -39,9 +39,6 @@ def warm_up_added_joints(
     moves the other way, so that the sum stays as it was read.
 
     Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        segments: W of them.
         initial: states of the n W simulations; `qpos` and `qvel` are changed.
     """
     steps = max(1, round(ADDED_JOINT_WARM_UP / system.timestep))
@@ -81,11 +78,7 @@ def _simulate_before(
     """Position and velocity (n, w, P, 2) of P added joints where segments begin.
 
     Args:
-        system: that is simulated.
-        hypotheses: n of them.
-        segments: W of them.
         rows: (w) numbers of those to simulate up to.
-        steps: how many to simulate.
         places: P of them, as the hypotheses' variant numbers them.
     """
     before = Segments(

@@ -30,7 +30,6 @@ def import_extra(module: str, what: str) -> Any:
     """A module of a library that only the extra `logs` installs.
 
     Args:
-        module: its full name.
         what: is read with it, for the message.
 
     Raises:
@@ -47,7 +46,6 @@ def explain_damage(path: Path, what: str) -> Iterator[None]:
     anything, an AssertionError or a struct.error even.
 
     Args:
-        path: of the file.
         what: such a file in words, for the message.
 
     Raises:
@@ -112,7 +110,6 @@ def name_elements(
     """Names of the columns that an array becomes: `name[0]`, or `name[knee]`.
 
     Args:
-        name: of the array.
         shape: of one row of it; () of a number, which keeps the name.
         names: of the elements of a vector where the log states as many.
     """

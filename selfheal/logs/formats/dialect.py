@@ -57,7 +57,6 @@ def find_dialect(sample: bytes, whole: bool) -> Dialect | None:
     """The dialect of a text file; None where it is no table.
 
     Args:
-        sample: its first bytes.
         whole: whether that is all.
     """
     encoding = _find_encoding(sample)

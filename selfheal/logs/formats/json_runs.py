@@ -211,8 +211,6 @@ def flatten(value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, A
     """Paths and values of the numbers and texts in an object.
 
     Args:
-        value: of JSON.
-        path: of it.
         depth: of it; what is deeper than any log is left out.
     """
     if depth > _MAX_DEPTH:

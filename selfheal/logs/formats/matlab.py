@@ -72,7 +72,6 @@ def list_arrays(value: Any, path: str = "", depth: int = 0) -> Mapping[str, Any]
 
     Args:
         value: variables, or what scipy makes of one.
-        path: of it.
         depth: of it; what is deeper than any log is left out.
     """
     found = dict[str, Any]()

@@ -50,7 +50,6 @@ def part_array(array: Any, name: str = "") -> dict[str, Any]:
     """Arrays (T) or (T, d) of one array, which may be of records.
 
     Args:
-        array: of any shape and dtype.
         name: of it; "" makes its columns have numbers for names.
     """
     if array.dtype.names:

@@ -117,7 +117,6 @@ class ParquetLog(Log):
 
         Args:
             path: of the file or the folder.
-            files: in order.
             names: of the elements of vectors, by the vectors' names.
 
         Raises:

@@ -23,7 +23,6 @@ def make_decode(coding: str, kind: str, definition: bytes) -> Callable[[bytes], 
 
     Args:
         coding: of the messages, one of `CODINGS`.
-        kind: name of their type.
         definition: of the type, a FileDescriptorSet where it is protobuf.
 
     Raises:
@@ -108,8 +107,6 @@ def list_numbers(
 
     Args:
         value: as `json` makes it.
-        path: of it.
-        names: of elements, stated around it.
         depth: of it; what is deeper than any log is left out.
     """
     if depth > _MAX_DEPTH:

@@ -76,7 +76,6 @@ class Fields:
         """Look which elements the vectors of a message have.
 
         Args:
-            message: of the type.
             names: of elements, stated by a message around it.
         """
         for vector in self._vectors:
@@ -119,7 +118,6 @@ class Fields:
         """Put the numbers of a message into a row, which is NaN.
 
         Args:
-            message: of the type.
             row: (C) that is filled, a number for each column.
             names: of elements, stated by a message around it.
         """

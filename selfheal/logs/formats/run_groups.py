@@ -25,7 +25,6 @@ def make_tables(
 
     Args:
         arrays: by paths, whose steps "/" separates.
-        units: of arrays, by their paths.
     """
     arrays = {path: array for path, array in arrays.items() if is_usable(array)}
     units = units or {}
@@ -73,12 +72,7 @@ def _find_runs(arrays: Mapping[str, Any]) -> dict[str, list[str]]:
 
 
 def are_runs(labels: Iterable[str], lengths: Iterable[int]) -> bool:
-    """Whether groups of the same arrays are runs, not parts of one robot.
-
-    Args:
-        labels: of the groups.
-        lengths: of their arrays.
-    """
+    """Whether groups of the same arrays are runs, not parts of one robot."""
     return len(set(lengths)) > 1 or all(map(_RUN.fullmatch, labels))
 
 

@@ -149,8 +149,6 @@ def _rebuild_tensor(
     """A tensor of a storage, as torch._utils._rebuild_tensor_v2 makes it.
 
     Args:
-        storage: that holds its numbers.
-        offset: of the first.
         size: length of each axis.
         stride: numbers from one to the next along each axis.
     """

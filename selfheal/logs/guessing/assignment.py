@@ -79,8 +79,6 @@ def list_columns(
     """Columns that may be signals, in the order of the log.
 
     Args:
-        streams: of the log.
-        samples: of the streams.
         taken: "STREAM:COLUMN" of those that hold times and labels.
     """
     return [
@@ -178,7 +176,6 @@ def assign_columns(
     The assignment has the largest sum of scores (Hungarian method).
 
     Args:
-        columns: of one kind.
         places: of that kind, in the order of the model.
         judge: what else than names speaks for a place [nats], and its reason.
 

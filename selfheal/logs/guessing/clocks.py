@@ -152,7 +152,6 @@ def check_time_unit(clock: Clock, what: str, values: np.ndarray) -> str:
     """What is odd about the unit of a column of times; "" where nothing is.
 
     Args:
-        clock: as the map states it.
         what: the column, as the beginning of a sentence.
         values: (n) of it.
 

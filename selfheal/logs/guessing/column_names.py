@@ -114,8 +114,6 @@ def score_names(facts: NameFacts, name: str, aliases: Iterable[str] = ()) -> flo
     """How much of a name of the model a column's name repeats, 0 to 1.
 
     Args:
-        facts: of the column.
-        name: in the model.
         aliases: names that several things in the model may share.
     """
     shared = max((_score_name(facts, alias) for alias in aliases), default=0.0)

@@ -26,7 +26,6 @@ def find_kinds(columns: Sequence[Column], places: Sequence[Place]) -> list[Colum
 
     Args:
         columns: of one log, whose names say nothing.
-        places: of the model.
 
     Returns:
         The same; each that was recognized with a rule that states its kind.
@@ -70,7 +69,6 @@ def _pair_commands(columns: Sequence[Column], known: set[int]) -> dict[int, int]
     """The number of the position by that of its command.
 
     Args:
-        columns: that are compared.
         known: numbers of those that are positions; empty where nothing tells.
     """
     found = dict[int, tuple[float, int]]()

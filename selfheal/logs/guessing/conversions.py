@@ -48,12 +48,7 @@ class Relations:
 def guess_conversions(
     matches: Sequence[Match], relations: Relations
 ) -> list[UnitGuess]:
-    """The unit of each match; those of positions first, for the others hang on them.
-
-    Args:
-        matches: columns and whose they are.
-        relations: of the columns.
-    """
+    """The unit of each match; those of positions first, for the others hang on them."""
     found = dict[int, UnitGuess]()
     ranges = {m.place.joint: (m.place.low, m.place.high) for m in matches
               if m.place.kind == "joint_position"
@@ -135,10 +130,7 @@ def _settle_signs(
     """Units of a position and a command that move against each other.
 
     Args:
-        matches: all.
         found: units by number of the match.
-        position: number of the position.
-        command: number of the command.
     """
     pair = position, command
     first, second = ((matches[k], found[k]) for k in pair)
@@ -157,7 +149,6 @@ def _take_rule(
     """What a preset states of a column; None where it leaves the unit open.
 
     Args:
-        match: column and whose it is.
         ranges: of joints that have limits, by their number.
     """
     rule, limits = match.column.rule, find_limits(match.place, ranges)
@@ -195,7 +186,6 @@ def relate(column: Column, position: Column, place: Place) -> Relation:
 
     Args:
         column: of speeds, or of commands.
-        position: column of the joint's position.
         place: to which the first one belongs.
 
     Returns:

@@ -77,8 +77,6 @@ def guess_map(log: Log, model: "mujoco.MjModel", preset: LogMap | None = None) -
     the limits of its joint.
 
     Args:
-        log: of the robot.
-        model: compiled.
         preset: what is known of the software that wrote the log.
 
     Raises:
@@ -293,11 +291,7 @@ def _list_remarks(
     """What a user should look at before he trusts the map.
 
     Args:
-        found: the map so far.
         matches: columns of one number and whose they are.
-        by_kind: places of the model.
-        model: compiled.
-        relations: of the columns.
     """
     said = []
     positions = {m.place.joint: m.column for m in matches

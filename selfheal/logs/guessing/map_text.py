@@ -17,13 +17,7 @@ _SURE = 0.7  # below, a comment asks to look; chosen
 
 
 def format_map(guess: Guess, log: str, model: str) -> str:
-    """A map file.
-
-    Args:
-        guess: what it proposes.
-        log: name of the log.
-        model: name of the model.
-    """
+    """A map file."""
     lines = _comment(
         f"Proposed for {quote(log)} and {quote(model)}: check what is less than sure."
     )
@@ -146,7 +140,6 @@ def _find_pattern(
     Args:
         columns: with their streams' names where the log holds several.
         targets: of the columns; a star that stands for them is preferred.
-        streams: of the log.
 
     Returns:
         The name, "" if none stands for all of these and no others; the texts.

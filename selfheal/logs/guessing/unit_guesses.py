@@ -171,7 +171,6 @@ def _guess_normalized(matches: Sequence[Match], in_degrees: float) -> UnitGuess 
     Both are within limits. Encoders of one kind step alike in degrees, not in shares.
 
     Args:
-        matches: positions and commands.
         in_degrees: share of values that are within limits in degrees.
 
     Returns:
@@ -222,7 +221,6 @@ def _guess_share(
 
     Args:
         columns: its command, its reading, or both.
-        limits: of the joint.
         common: unit of the columns of all joints.
     """
     values = np.concatenate([c.values[np.isfinite(c.values)] for c in columns])
@@ -255,7 +253,6 @@ def guess_moving_unit(
 
     Args:
         column: of speeds, or of commands.
-        place: whose it is.
         relation: of the position in SI units over the integral of the speed, or over
             the command; None where there is no position.
 

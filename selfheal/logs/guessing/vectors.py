@@ -34,7 +34,6 @@ def match_vectors(
 
     Args:
         vectors: columns by stream and name, x, y, z and perhaps w.
-        places: of the model, by kind.
         several: whether the log holds several streams.
 
     Returns:
@@ -91,8 +90,6 @@ def _find_thing(
     """Unit and kind of what a name speaks of.
 
     Args:
-        tokens: of the name.
-        width: how many columns there are.
         known: kind that a preset states; "" of none.
     """
     for words, unit, kind in _THINGS:

@@ -145,14 +145,7 @@ def _check_unit(context: Context, joint: JointColumns, unit: str) -> Fault | Non
 
 
 def list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> list[str]:
-    """Units in which readings are within the joint's range.
-
-    Args:
-        joint: with a range.
-        low: reading that few are below.
-        high: reading that few are above.
-        unit: of the contract.
-    """
+    """Units in which readings are within the joint's range."""
     bottom, top = joint.range or (0.0, 0.0)
     usual = {"rad": "degrees", "m": "thousandths"}[unit]
     found = []

@@ -1,7 +1,7 @@
 """Coverage of docstrings: source files in, shares and gaps out.
 
 What is looked at are the public modules, classes, functions and methods of a room; what
-begins with an underscore and functions within functions are not. Eight rules hold:
+begins with an underscore and functions within functions are not. Seven rules hold:
 
 docstring: there is one. A method that overrides a documented one inherits that, as
     `inspect.getdoc` has it; an effect has the one that its declaration makes.
@@ -9,15 +9,14 @@ shapes: where an argument, a return or a field of a dataclass is annotated as an
     its description has a shape, such as `(W, C)`. Aliases of array types count as well.
 units: where such a thing is a float or an array and its name is that of a physical
     quantity (`QUANTITIES`), its description has a unit, such as `[rad]`, or `[1]`.
-args: from three arguments on, `Args:` describes each. Arguments of commands, which
-    carry their help text in their annotation, need no second description.
 names: what `Args:` or `Attributes:` describes is there, under that name; an entry of
     `Args:` has one name, as documentation sites read it.
 opening: it begins with no word that hangs on another docstring (`OPENINGS`).
 sentences: none has more than 30 words. What stands in backticks counts as one word.
 references: what stands in backticks and looks like a name occurs in the code.
 
-The description of an argument is its entry in `Args:`, or else the whole docstring.
+The description of an argument is its entry in `Args:`, or else the whole docstring: an
+entry stands only where it says more than the name and the type do.
 That of a return is `Returns:` or `Yields:`, and the text before the first section.
 """
 
@@ -35,12 +34,11 @@ from tests.support.docstrings.text import Docstring, count_words, split_sentence
 from tests.support.paths import ROOT
 
 RULES = (
-    *("docstring", "shapes", "units", "args", "names", "opening", "sentences"),
-    "references",
+    *("docstring", "shapes", "units", "names", "opening", "sentences", "references"),
 )
 NEEDED = {rule: 1.0 for rule in RULES} | {"shapes": 0.9, "units": 0.9}
 OPENINGS = ("The same", "Of its", "Those")
-MOST_WORDS, LEAST_ARGUMENTS = 30, 3
+MOST_WORDS = 30
 # Words in the names of physical quantities. Those with a meaning in mathematics or
 # statistics too (scale, gain, noise, value) are left out: their unit may vary.
 QUANTITIES = {
@@ -220,9 +218,6 @@ class RoomReader:
         parsed = Docstring.parse(docstring or "")
         self._check_entries(node, parsed, name)
         arguments = list_arguments(node, in_class)
-        if len(arguments) >= LEAST_ARGUMENTS:
-            left = [a.arg for a in arguments if a.arg not in parsed.entries]
-            self.coverage.note("args", not left, f"{name}: {', '.join(left)}")
         for arg in arguments:
             self._check_value(arg.arg, arg.annotation, parsed, name)
         self._check_value("return", node.returns, parsed, name, quantity=node.name)

@@ -32,11 +32,8 @@ def edit(
     """The recording with `change(time, values)` of some signals, or of all.
 
     Args:
-        recording: a clean one.
         change: of values (T, ...) at times (T).
-        names: of the signals; none: all.
         episodes: that are changed; None: all.
-        ctrl: by which commands are multiplied.
     """
     changed = {
         k: replace(e, ctrl=e.ctrl * ctrl, signals={

@@ -79,9 +79,6 @@ def write_lerobot3(
     """A LeRobot folder, v3.0, whose last joint is a gripper, in percent.
 
     Args:
-        path: of the folder.
-        runs: of the robot.
-        joints: their names.
         limits: (J, 2) of the joints [rad].
         in_degrees: whether the others are in degrees, else in shares, -100 to 100.
     """

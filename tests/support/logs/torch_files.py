@@ -75,7 +75,6 @@ def save_archive(path: Path, document: Any, raw: bytes | None = None) -> None:
     """Write an archive, as torch.save does.
 
     Args:
-        path: of the archive.
         document: containers of `Tensor`s.
         raw: a pickle in the place of the document's.
     """

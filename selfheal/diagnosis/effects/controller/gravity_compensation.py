@@ -126,12 +126,7 @@ def _bear_motors_all(model: "MjModel", bodies: tuple[int, ...]) -> bool:
 
 
 def dense_moments(model: "MjModel", data: "MjData") -> Floats:
-    """Moment arms of all actuators' outputs, one row each of (nv) columns.
-
-    Args:
-        model: compiled.
-        data: after mj_fwdPosition.
-    """
+    """Moment arms of all actuators' outputs, one row each of (nv) columns."""
     import mujoco
 
     moments = np.zeros((len(data.moment_rownnz), model.nv))
