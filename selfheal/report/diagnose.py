@@ -14,6 +14,7 @@ from ..diagnosis.output.result import Diagnosis, Localization
 from ..extras import format_install
 from . import figures, tables
 from .errors import (
+    MODELS,
     format_errors,
     format_held_out,
     format_horizons,
@@ -194,17 +195,12 @@ def _list_experiments(diagnosis: Diagnosis) -> list[str]:
 def _make_errors_section(diagnosis: Diagnosis) -> Section:
     """The errors on held-out recordings, and over longer and longer segments."""
     fit = diagnosis.document["fit"]
-    rows = {
-        "model as given": "given",
-        "what it states, re-fitted": "refit",
-        "with the findings": "patched",
-        "floor": "floor",
-    }
-    errors = {
-        label: parse_number(fit[key]) for label, key in rows.items() if key in fit
-    }
+    labels = "model as given", "what it states, re-fitted", "with the findings", "floor"
     drawn = make_bars(
-        (label, format_short(error), error) for label, error in errors.items()
+        (label, format_short(error), parse_number(error))
+        for label, key in zip(labels, MODELS, strict=True)
+        if key in fit
+        for error in [fit.get(key)]
     )
     removed = parse_number(fit.get("explainable_removed"))
     if not diagnosis.document["findings"]:

@@ -113,7 +113,7 @@ def _run_task(settings: RunSettings) -> Outcome:
     return {
         "verdict": document["verdict"],
         "findings": [_shorten_finding(finding) for finding in document["findings"]],
-        "fit": {k: document["fit"][k] for k in _COLUMNS},
+        "fit": {k: document["fit"].get(k) for k in _COLUMNS},
     }
 
 
