@@ -25,21 +25,15 @@ Unknown = Number | None  # what is not finite is null
 Value = Unknown | list[Unknown]  # a vector has a number for each component
 
 
-class StatedValue(TypedDict, total=False):
-    """A value and its 90 % interval."""
-
-    value: Value
-    low: Value
-    high: Value
-    unit: str | None
-
-
-class StatedParameter(StatedValue, total=False):
+class StatedParameter(TypedDict, total=False):
     """A parameter of a finding; `given` is what the model states in its place."""
 
     name: Required[str]
-    value: Required[Number | list[Number]]  # type: ignore[misc]
+    value: Required[Number | list[Number]]
+    low: Value
+    high: Value
     given: Unknown
+    unit: str | None
 
 
 class SignalShare(TypedDict, total=False):
@@ -76,15 +70,6 @@ class Location(TypedDict, total=False):
     onset: OnsetTime
 
 
-class Evidence(TypedDict, total=False):
-    """What speaks for a finding in data that its fit did not see."""
-
-    heldout_nll_gain: Unknown
-    p_value: Unknown
-    stability: Unknown
-    heldout_error_growth: Unknown
-
-
 class Finding(TypedDict, total=False):
     """An effect at a place; beside these, the fields that the effect declares."""
 
@@ -94,7 +79,7 @@ class Finding(TypedDict, total=False):
     equivalent: list[str]
     separate_by: str
     where: Location
-    evidence: Evidence | None
+    evidence: dict[str, Unknown] | None
     native: bool
 
 
@@ -134,23 +119,18 @@ class KindErrors(Errors):
 
 
 class Scores(Errors, total=False):
-    """Normalized errors [1], and those of each kind of signal."""
+    """Normalized errors [1] of a replay, in segments of so many seconds if stated."""
 
+    seconds: Number
     explainable_removed: Unknown
     errors: list[KindErrors] | None
 
 
-class HorizonScores(Scores):
-    """Scores of replays in segments of one length [s]."""
-
-    seconds: Number
-
-
 class FitScores(Scores, total=False):
-    """Scores of the replay of whole held-out episodes, and over each horizon."""
+    """Scores in whole held-out episodes, and in longer and longer segments."""
 
     held_out: list[str]
-    horizons: list[HorizonScores]
+    horizons: list[Scores]
 
 
 Stop = TypedDict(
