@@ -68,34 +68,14 @@ def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> "GridPlot":
     source = _make_source(trace)
     top, below = _make_plot(upper, _HIGH), _make_plot(lower, _LOW)
     below.x_range, below.xaxis.axis_label = top.x_range, lower.get_xlabel()
-    read = top.line(
-        "time",
-        "measured",
-        source=source,
-        legend_label="measured",
-        line_color=INK,
-        line_alpha=0.45,
-        line_width=4,
-    )
+    read = top.line("time", "measured", source=source, legend_label="measured")
+    read.glyph.update(line_color=INK, line_alpha=0.45, line_width=4)
     for name, (color, width) in CURVES.items():
-        dash = [6] if name == "given" else []
-        top.line(
-            "time",
-            name,
-            source=source,
-            legend_label=name,
-            line_color=color,
-            line_width=width + _WIDER,
-            line_dash=dash,
-        )
-        below.line(
-            "time",
-            f"{name}_off",
-            source=source,
-            line_color=color,
-            line_width=width + _WIDER,
-            line_dash=dash,
-        )
+        curve = top.line("time", name, source=source, legend_label=name)
+        error = below.line("time", f"{name}_off", source=source)
+        dash = "dashed" if name == "given" else "solid"
+        for glyph in (curve.glyph, error.glyph):
+            glyph.update(line_color=color, line_width=width + _WIDER, line_dash=dash)
     names = ["time", "measured", *CURVES]
     hover = HoverTool(mode="vline", renderers=[read])
     hover.tooltips = [(name, f"@{name}{{%.5g}}") for name in names]
