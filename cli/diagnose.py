@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from ._runs import choose_run_folder, refuse_existing
 
 if TYPE_CHECKING:
     from selfheal.diagnosis.output.result import Diagnosis
+    from selfheal.diagnosis.output.schema import Finding, FitScores, Scores
 
 _NO_CHECK = typer.Option(
     metavar="NAME",
@@ -148,7 +149,7 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
             print_line(os.fspath(folder / name))
 
 
-def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
+def _print_findings(findings: Sequence["Finding"]) -> None:
     """A row a finding, and how to tell it from its equals."""
     if not findings:
         return
@@ -156,7 +157,7 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
         GROWTH,
         format_growth,
         format_onset,
-        format_quantity,
+        format_parameter,
     )
 
     head = ("effect", "where", "value (90 % interval)", GROWTH)
@@ -164,7 +165,7 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
         (
             found["effect"],
             [found["target"], *filter(None, [format_onset(found)])],
-            [f"{p['name']} {format_quantity(p)}" for p in found["parameters"]],
+            list(map(format_parameter, found["parameters"])),
             format_growth(found),
         )
         for found in findings
@@ -180,12 +181,12 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
             )
 
 
-def _print_fit(fit: Mapping[str, Any]) -> None:
+def _print_fit(fit: "FitScores") -> None:
     """The error on held-out recordings, also over longer and longer segments."""
     from selfheal.report.errors import MODELS, list_errors, name_replay
     from selfheal.report.tables import format_short
 
-    def make_row(label: str, errors: Mapping[str, Any]) -> list[str]:
+    def make_row(label: str, errors: "Scores") -> list[str]:
         removed = errors.get("explainable_removed")
         share = "\N{EN DASH}" if removed is None else f"{100 * removed:.0f} %"
         return [label, *(format_short(errors.get(key)) for key in MODELS), share]

@@ -184,9 +184,9 @@ def _show_study(path: Path, as_json: bool) -> None:
     from selfheal.report.page import write_page
     from selfheal.study.page import format_markdown, make_study_page
     from selfheal.study.plan import find_study
-    from selfheal.study.store import load_study
+    from selfheal.study.store import load_checked
 
-    results = load_study(path, has_tables=True)
+    results = load_checked(path)
     tables = find_study(results.study).make_tables(results.finished)
     pages = [path.with_name(name) for name in _PAGES]
     for page, make in zip(pages, (make_study_page, format_markdown), strict=True):

@@ -21,7 +21,7 @@ import h5py
 import psutil
 
 from benchmarks.writer import INTACT, ROOT, Section, make_parser, publish_results
-from selfheal.study.plan import Task
+from selfheal.study.plan import Record, Task
 from selfheal.study.store import (
     create_study,
     find_journal,
@@ -126,9 +126,11 @@ def _sum_children_cpu() -> float:
 def measure_writer(folder: Path) -> dict[str, Any]:
     """Records kept a second, by the size of chunks; and what the one file costs."""
     tasks = [Task(f"run {k}", {"seed": k}) for k in range(_KEPT)]
-    records = [{"key": t.key, "settings": dict(t.settings), "error": "",
-                "outcome": {"told": [0.25] * 200}, "seconds": 1.0, "megabytes": 1,
-                "worker": "0"} for t in tasks]  # fmt: skip
+    records: list[Record] = [
+        {"key": t.key, "settings": dict(t.settings), "error": "",
+         "outcome": {"told": [0.25] * 200}, "seconds": 1.0, "megabytes": 1,
+         "worker": "0"} for t in tasks
+    ]  # fmt: skip
     found: dict[str, Any] = {"bytes": len(json.dumps(records[0]))}
     for size in (1, 10, 100, 1000):
         file = folder / f"kept-{size}.h5"

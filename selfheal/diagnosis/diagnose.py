@@ -18,7 +18,11 @@ from .estimation.problem import (
     build_problem,
     check_enough_segments,
 )
-from .output.build_result import build_diagnosis, explain_unpatchable
+from .output.build_result import (
+    TestedHypothesis,
+    build_diagnosis,
+    explain_unpatchable,
+)
 from .output.result import Diagnosis
 from .selection.change_point import (
     choose_held_out_after,
@@ -117,15 +121,7 @@ def diagnose(
     del state  # each Jacobian of many joints takes as much as the whole program
     dataset, hypothesis = _fit_last(dataset, hypothesis, record, is_over, findings_only)
     tested = _test(dataset, hypothesis, is_stopped, record)
-    found = build_diagnosis(
-        dataset,
-        tested.hypothesis,
-        tested.verdict,
-        tested.scores,
-        tested.structure,
-        tested.refuted,
-        begun,
-    )
+    found = build_diagnosis(dataset, tested, begun)
     if not record.stopped:
         return found
     return found.with_stop(record.stopped, len(effects), untried)
@@ -266,28 +262,9 @@ def _fit_last(
         return dataset, hypothesis
 
 
-@dataclass(frozen=True, eq=False)
-class _Tested:
-    """A hypothesis and what held-out episodes say of it.
-
-    Attributes:
-        hypothesis: with the names that stand.
-        verdict: on it.
-        scores: errors in held-out episodes.
-        structure: what the names leave.
-        refuted: labels of the names that do not stand.
-    """
-
-    hypothesis: Hypothesis
-    verdict: Verdict
-    scores: HeldOutScores
-    structure: RemainingStructure
-    refuted: tuple[str, ...]
-
-
 def _test(
     dataset: Dataset, hypothesis: Hypothesis, is_stopped: bool, record: SearchRecord
-) -> _Tested:
+) -> TestedHypothesis:
     """Stage 4: which names hold in the held-out episodes, and what they leave.
 
     Args:
@@ -327,4 +304,4 @@ def _test(
         is_stopped,
     )
     verdict = decide_verdict(outcome)
-    return _Tested(hypothesis, verdict, scores, structure, refuted)
+    return TestedHypothesis(hypothesis, verdict, scores, structure, refuted)

@@ -1,9 +1,8 @@
 """The report of a diagnosis: a Diagnosis in, one HTML page out."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,9 +10,11 @@ from ..diagnosis.effects import load_catalogue
 from ..diagnosis.effects.nominal import is_unidentified
 from ..diagnosis.effects.protocols import ModelEdit
 from ..diagnosis.output.result import Diagnosis, Localization
+from ..diagnosis.output.schema import Finding, Location
 from ..extras import format_install
 from . import figures, tables
 from .errors import (
+    MODELS,
     format_errors,
     format_held_out,
     format_horizons,
@@ -30,7 +31,7 @@ from .page import (
     join_markup,
     make_bars,
     make_bullets,
-    make_paragraph,
+    make_note,
     make_table,
     mark_text,
 )
@@ -47,6 +48,7 @@ _HORIZONS = (
     "predicted any farther."
 )
 _NOISE = 1.5  # times the floor, an error that is called as large as noise; chosen
+_QUOTES = "\N{LEFT DOUBLE QUOTATION MARK}\N{RIGHT DOUBLE QUOTATION MARK}"
 _UNKNOWN = 1e4  # times the floor, an error beside which none was measured; chosen
 
 
@@ -78,24 +80,15 @@ def make_diagnosis_page(
     return whole(title, sections, lead=" ".join(said), scripts=scripts)
 
 
-# ---- in words
-
-
-# ---- section by section
-
-
 def _make_findings_section(diagnosis: Diagnosis) -> Section:
     """The findings, what the verdict means, what to do."""
     document = diagnosis.document
     found, verdict = document["findings"], document["verdict"]
-    body = [tables.format_findings(document)] if found else []
-    body.append(make_paragraph(_explain_verdict(diagnosis)))
+    body: list[str] = [tables.format_findings(document)] if found else []
+    body.append(_explain_verdict(diagnosis))
     body.append(make_bullets(note for f in found for note in _list_notes(f)))
     if verdict in ("partly", "unlisted") and (tries := _list_experiments(diagnosis)):
-        body += [
-            make_paragraph("Experiments that would show more:"),
-            make_bullets(tries),
-        ]
+        body += ["Experiments that would show more:", make_bullets(tries)]
     return Section("What is missing" if found else "What this means", tuple(body))
 
 
@@ -115,46 +108,37 @@ def _explain_verdict(diagnosis: Diagnosis) -> str:
         times = f", {format_short(patched / floor, 2)} times the floor."
         if patched > _UNKNOWN * floor:  # of single readings nothing tells it
             times = "; what noise would leave is not known."
-        means += (
-            f" Replayed open loop, the held-out recordings are off by "
-            f"{format_short(patched)}"
-            f"{times}"
-        )
+        off = f"the held-out recordings are off by {format_short(patched)}{times}"
+        means += f" Replayed open loop, {off}"
     return means
 
 
-def _list_notes(finding: Mapping[str, Any]) -> Iterable[Html]:
+def _list_notes(finding: Finding) -> Iterable[Html]:
     """What a user should know of a finding besides its numbers."""
-    named = f"{finding['effect']} at {finding['target']}"
-    rivals = ", ".join(finding.get("equivalent", ()))
-    if rivals:
+    named = mark_text(f"{finding['effect']} at {finding['target']}", "right")
+    return (join_markup(named, note) for note in _write_notes(finding))
+
+
+def _write_notes(finding: Finding) -> Iterable[str]:
+    """The notes on a finding, each after its name."""
+    if rivals := ", ".join(finding.get("equivalent", ())):
         advice = finding.get("separate_by")
         how = f" To separate them: {advice}." if advice else ""
-        yield join_markup(
-            mark_text(named, "right"),
-            f" cannot be told from {rivals} by these data.{how}",
-        )
+        yield f" cannot be told from {rivals} by these data.{how}"
     where = finding.get("where") or {}
-    if where.get("regime", "always") != "always":
-        yield join_markup(
-            mark_text(named, "right"),
-            " shows most in the regime "
-            f"\N{LEFT DOUBLE QUOTATION MARK}{replace_underscores(where['regime'])}"
-            f"\N{RIGHT DOUBLE QUOTATION MARK}{_name_window(where)}.",
-        )
+    if (regime := where.get("regime", "always")) != "always":
+        quoted = f"{_QUOTES[0]}{replace_underscores(regime)}{_QUOTES[1]}"
+        yield f" shows most in the regime {quoted}{_name_window(where)}."
     if onset := where.get("onset"):
         moment = format_quantity({**onset, "value": onset.get("time"), "unit": "s"})
-        yield join_markup(
-            mark_text(named, "right"),
-            f" sets in at {moment} of episode {onset.get('episode')}.",
-        )
+        yield f" sets in at {moment} of episode {onset.get('episode')}."
     effect = load_catalogue().get(finding["effect"])
     for field in effect.finding_fields if effect is not None else ():
         value = finding.get(field.name)
         if field.note and value in field.values:
-            yield join_markup(mark_text(named, "right"), field.note.format(value=value))
+            yield field.note.format(value=value)
     if finding.get("native") is False:
-        yield join_markup(mark_text(named, "right"), _explain_replay(finding["effect"]))
+        yield _explain_replay(finding["effect"])
 
 
 def _explain_replay(effect: str) -> str:
@@ -171,7 +155,7 @@ def _explain_replay(effect: str) -> str:
     )
 
 
-def _name_window(where: Mapping[str, Any]) -> str:
+def _name_window(where: Location) -> str:
     """The first window that a finding shows in."""
     for window in where.get("windows", ())[:1]:
         start, end = format_short(window.get("start")), format_short(window.get("end"))
@@ -194,17 +178,12 @@ def _list_experiments(diagnosis: Diagnosis) -> list[str]:
 def _make_errors_section(diagnosis: Diagnosis) -> Section:
     """The errors on held-out recordings, and over longer and longer segments."""
     fit = diagnosis.document["fit"]
-    rows = {
-        "model as given": "given",
-        "what it states, re-fitted": "refit",
-        "with the findings": "patched",
-        "floor": "floor",
-    }
-    errors = {
-        label: parse_number(fit[key]) for label, key in rows.items() if key in fit
-    }
+    labels = "model as given", "what it states, re-fitted", "with the findings", "floor"
     drawn = make_bars(
-        (label, format_short(error), error) for label, error in errors.items()
+        (label, format_short(error), parse_number(error))
+        for label, key in zip(labels, MODELS, strict=True)
+        if key in fit
+        for error in [fit.get(key)]
     )
     removed = parse_number(fit.get("explainable_removed"))
     if not diagnosis.document["findings"]:
@@ -219,14 +198,10 @@ def _make_errors_section(diagnosis: Diagnosis) -> Section:
         "constant. The floor is what noise, or a correction of free form, leaves; what "
         "lies between it and the re-fitted model can be explained."
     )
-    body = [drawn, said, make_paragraph(mark_text(note, "soft"))]
+    over: tuple[str, ...] = ()
     if fit.get("horizons"):
-        body[2:2] = [
-            format_horizons(fit),
-            make_paragraph(_HORIZONS),
-            format_errors(fit),
-        ]
-    return Section("Before and after", tuple(body))
+        over = format_horizons(fit), _HORIZONS, format_errors(fit)
+    return Section("Before and after", (drawn, said, *over, make_note(note)))
 
 
 def _make_traces_section(diagnosis: Diagnosis) -> tuple[Section, list[str]]:
@@ -277,7 +252,7 @@ def _make_candidates_section(diagnosis: Diagnosis) -> Section:
         "are resampled."
     )
     ranking = tables.format_candidates(diagnosis.candidates, found)
-    return Section("Candidates", (ranking, make_paragraph(mark_text(note, "soft"))))
+    return Section("Candidates", (ranking, make_note(note)))
 
 
 def _make_refit_section(diagnosis: Diagnosis) -> Section:
@@ -299,11 +274,10 @@ def _make_refit_section(diagnosis: Diagnosis) -> Section:
 
 def _make_diff_section(diagnosis: Diagnosis) -> Section:
     """The diff."""
-    title = "The change to the model"
-    same = "patched.xml says the same as the given model."
-    return Section(
-        title, (format_diff(diagnosis.diff) if diagnosis.diff.strip() else same,)
-    )
+    shown = "patched.xml says the same as the given model."
+    if diagnosis.diff.strip():
+        shown = format_diff(diagnosis.diff)
+    return Section("The change to the model", (shown,))
 
 
 def _make_signals_section(diagnosis: Diagnosis) -> Section:
@@ -323,14 +297,7 @@ def _make_signals_section(diagnosis: Diagnosis) -> Section:
         "alone; where a replay starts from a state that was read, that state's noise "
         "comes on top."
     )
-    return Section(
-        title,
-        (
-            said,
-            format_held_out(signals),
-            make_paragraph(mark_text(note, "soft")),
-        ),
-    )
+    return Section(title, (said, format_held_out(signals), make_note(note)))
 
 
 def _make_remarks_section(diagnosis: Diagnosis) -> Section:

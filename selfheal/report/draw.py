@@ -40,10 +40,8 @@ def _build_prism() -> Floats:
     """(_SIDES + 2, _SIDES, 3) faces of a prism of radius 1 round x, from x = 0 to 1."""
     angle = 2 * np.pi * (np.arange(_SIDES + 1) + 0.5) / _SIDES
     near = np.column_stack([0 * angle, np.cos(angle), np.sin(angle)])
-    far = near + [1, 0, 0]
-    sides = [
-        np.array([near[k + 1], far[k + 1], far[k], near[k]]) for k in range(_SIDES)
-    ]
+    far = np.add(near, [1, 0, 0])
+    sides = np.stack([near[1:], far[1:], far[:-1], near[:-1]], axis=1)
     return _pad_faces([*sides, far[:-1], near[:-1][::-1]])
 
 
@@ -89,10 +87,7 @@ def _list_corners(bodies: Bodies, row: int) -> Floats:
     a = bodies.anatomy
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     rim = np.array([1.0, 1, 0]) * a.rim
-    ends = [
-        compute_rest_frames(bodies)[0][row],
-        compute_part_points(bodies, 1.0)[row],
-    ]
+    ends = compute_rest_frames(bodies)[0][row], compute_part_points(bodies, 1.0)[row]
     return np.concatenate([signs * a.torso_half, signs * rim, *ends])
 
 
@@ -105,13 +100,11 @@ def _find_middle(bodies: Bodies, row: int) -> Floats:
 
 def _find_distance(bodies: Bodies) -> float:
     """How far a camera stands from any of these bodies' middle [m]."""
-    farthest = [
-        np.linalg.norm(
-            _list_corners(bodies, row) - _find_middle(bodies, row), axis=1
-        ).max()
+    apart = [
+        _list_corners(bodies, row) - _find_middle(bodies, row)
         for row in range(len(bodies))
     ]
-    return _AWAY * float(max(farthest))
+    return _AWAY * float(np.linalg.norm(apart, axis=-1).max())
 
 
 def look_from_above(bodies: Bodies) -> Camera:
@@ -126,41 +119,33 @@ def look_from_behind(bodies: Bodies) -> Camera:
 
 def measure_window(bodies: Bodies, camera: Camera) -> Floats:
     """(2) half the width and height [m] of a view that holds any of these bodies."""
-    halves = []
+    seen = []
     for row in range(len(bodies)):
         aimed = replace(camera, target=_find_middle(bodies, row))
-        halves.append(
-            np.abs(aimed.project(_list_corners(bodies, row))[:, :2]).max(axis=0)
-        )
-    return _MARGIN * np.max(halves, axis=0)
+        seen.append(aimed.project(_list_corners(bodies, row))[:, :2])
+    return _MARGIN * np.abs(seen).max(axis=(0, 1))
 
 
 def draw_body(
-    ax: "Axes",
-    body: Bodies,
-    *,
-    camera: Camera,
-    colors: Sequence[str],
-    numbers: bool = False,
-    pale: Bodies | None = None,
+    ax: "Axes", body: Bodies, *, camera: Camera, colors: Sequence[str]
 ) -> None:
     """Draw one body, its middle where the camera has it, a meter as one unit.
 
     Args:
-        camera: see `Camera`; its target is moved to the body's middle.
+        camera: its target is moved to the body's middle.
         colors: of each part.
-        numbers: whether parts carry their numbers, from 1.
-        pale: bodies that are drawn behind it, with its torso.
     """
     camera = replace(camera, target=_find_middle(body, 0))
-    for other in range(len(pale) if pale else 0):
-        assert pale is not None
-        faces = _build_faces(pale, other, [LINE] * pale.anatomy.size)
-        _draw_faces(ax, camera, *faces, zorder=0)
     _draw_rim(ax, body, camera)
     _draw_faces(ax, camera, *_build_faces(body, 0, colors))
-    if numbers:
-        _write_numbers(ax, body, camera, colors)
+
+
+def draw_pale(ax: "Axes", bodies: Bodies, behind: Bodies, camera: Camera) -> None:
+    """Draw bodies pale behind another one, with its torso."""
+    camera = replace(camera, target=_find_middle(behind, 0))
+    for row in range(len(bodies)):
+        faces = _build_faces(bodies, row, [LINE] * bodies.anatomy.size)
+        _draw_faces(ax, camera, *faces, zorder=0)
 
 
 def _draw_faces(
@@ -250,13 +235,14 @@ def _draw_rim(ax: "Axes", bodies: Bodies, camera: Camera) -> None:
     ax.fill(seen[:, 0], seen[:, 1], color=LINE, lw=0, zorder=3)
 
 
-def _write_numbers(
+def write_numbers(
     ax: "Axes", body: Bodies, camera: Camera, colors: Sequence[str]
 ) -> None:
-    """Each part's number on its middle."""
+    """Write each part's number, from 1, on its middle, ringed in the part's color."""
+    camera = replace(camera, target=_find_middle(body, 0))
     points = compute_part_points(body, 0.62)[0]
     for i, middle in enumerate(points):
         x, y, _ = camera.project(middle)
         badge = {"boxstyle": "circle,pad=0.22", "fc": PAPER, "ec": colors[i], "lw": 1}
-        ax.text(x, y, str(i + 1), ha="center", va="center", fontsize=7.5, color=INK,
-                bbox=badge, zorder=4)  # fmt: skip
+        text = ax.text(x, y, str(i + 1), fontsize=7.5, color=INK, bbox=badge, zorder=4)
+        text.set(ha="center", va="center")

@@ -1,11 +1,11 @@
 """Errors of a diagnosis's predictions: `fit` of its document in, words, tables out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from math import degrees, floor, isfinite, log10
-from typing import Any
 
 from ..diagnosis.data.robot_summary import POSITION_LIKE
 from ..diagnosis.output.result import SignalFit
+from ..diagnosis.output.schema import FitScores, KindErrors, Scores
 from .facts import format_percent
 from .page import Html, join_markup, make_table, mark_text
 from .tables import format_short, parse_number
@@ -39,9 +39,10 @@ def format_error(value: object, unit: str) -> str:
     return f"{written} {read_as}".removesuffix(" 1")
 
 
-def state_errors(fit: Mapping[str, Any]) -> list[str]:
+def state_errors(fit: FitScores) -> list[str]:
     """A sentence on each kind of signal that counts, over the shortest segments."""
-    scores = [*(fit.get("horizons") or ()), fit][0]
+    every: list[Scores] = [*(fit.get("horizons") or ()), fit]
+    scores = every[0]
     said = []
     for errors in scores.get("errors") or ():
         if errors["kind"] in POSITION_LIKE:
@@ -54,13 +55,13 @@ def state_errors(fit: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def list_errors(fit: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def list_errors(fit: FitScores) -> Iterator[tuple[str, ...]]:
     """Errors of each kind of signal in its unit, in segments of each length.
 
     Returns:
         The kind, the length, and the error of each of `MODELS`.
     """
-    every = fit.get("horizons") or [fit]
+    every: Sequence[Scores] = fit.get("horizons") or [fit]
     found = [(e, scores) for scores in every for e in scores.get("errors") or ()]
     kinds = list(dict.fromkeys(e["kind"] for e, _ in found))
     for errors, scores in sorted(found, key=lambda each: kinds.index(each[0]["kind"])):
@@ -68,14 +69,14 @@ def list_errors(fit: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
         yield kind, over.removeprefix("over "), *_format_models(errors)
 
 
-def name_replay(scores: Mapping[str, Any]) -> str:
+def name_replay(scores: Scores) -> str:
     """The length of replayed segments in words ("over 2 s")."""
     if "seconds" not in scores:
         return "in the replay"
     return f"over {format_short(scores['seconds'], 2)} s"
 
 
-def _format_models(errors: Mapping[str, Any]) -> list[str]:
+def _format_models(errors: KindErrors) -> list[str]:
     """The errors of a kind of signal by each of `MODELS`."""
     return [format_error(errors.get(model), errors["unit"]) for model in MODELS]
 
@@ -88,7 +89,7 @@ def _name_kind(kind: str) -> str:
     return f"{words[:-1]}ies" if words.endswith("y") else f"{words}s"
 
 
-def format_horizons(fit: Mapping[str, Any]) -> Html:
+def format_horizons(fit: FitScores) -> Html:
     """A row for each length of replayed segments: errors, and what is removed."""
     head = ["replayed", "as given", "re-fitted"]
     head += ["with the findings", "floor", "explainable removed"]
@@ -101,7 +102,7 @@ def format_horizons(fit: Mapping[str, Any]) -> Html:
     return make_table(head, rows, "lrrrrr")
 
 
-def format_errors(fit: Mapping[str, Any]) -> Html:
+def format_errors(fit: FitScores) -> Html:
     """A row for each kind of signal and length of replayed segments, in its unit."""
     head = "error of", "over", "as given", "re-fitted", "with the findings", "floor"
     return make_table(head, list_errors(fit), "lrrrrr")

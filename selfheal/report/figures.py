@@ -4,7 +4,7 @@ All are made inside `picture.style()`.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,12 +20,24 @@ from .draw import (
     RIGHT,
     WRONG,
     draw_body,
+    draw_pale,
     look_from_above,
     look_from_behind,
     measure_window,
+    write_numbers,
 )
 from .facts import choose_channels, find_right_edges, format_thousands, name_action
-from .picture import BLUE, INK, LINE, MUTED, ORANGE, WIDTH, make_canvas, shorten_label
+from .picture import (
+    BLUE,
+    CURVES,
+    INK,
+    LINE,
+    MUTED,
+    ORANGE,
+    WIDTH,
+    make_canvas,
+    shorten_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,11 +51,6 @@ _BLACK, _WHITE = "#111111", "#fefefe"
 _POINTS = 700  # most of a curve that are drawn; chosen
 SIGNALS = 16  # most rows of the map; chosen
 _CLEAR = 0.01  # p-value below which a cell of the map is framed; chosen
-_CURVES: dict[str, Any] = {
-    "given": {"color": MUTED, "lw": 1.0, "ls": (0, (4, 2))},
-    "refit": {"color": ORANGE, "lw": 1.2},
-    "patched": {"color": BLUE, "lw": 1.4},
-}
 
 
 def _make_figure(height: float) -> "Figure":
@@ -70,14 +77,14 @@ def draw_best_body(run: Run) -> "Figure":
     space = find_space(run.settings.space)
     costs = last.losses + compute_prior_cost(run.anatomy, space, last.genomes)
     near = 1 + np.flatnonzero(costs[1:] <= costs[0] + np.log(20))
-    pale = build_bodies(run.anatomy, last.genomes[near]) if len(near) else None
+    pale = build_bodies(run.anatomy, last.genomes[near])
     if run.truth is not None:
         bodies = concatenate_bodies(bodies, run.truth)
     views = {
         "from above": look_from_above(bodies),
         "from behind": look_from_behind(bodies),
     }
-    every = concatenate_bodies(bodies, pale) if pale else bodies
+    every = concatenate_bodies(bodies, pale)
     halves = np.array([measure_window(every, camera) for camera in views.values()])
     # both views as wide as the wider one: what is near looks no larger from behind
     half = halves.max(axis=0)
@@ -88,16 +95,14 @@ def draw_best_body(run: Run) -> "Figure":
         top = -row * (2 * half[1] + head)
         for column, (view, camera) in enumerate(views.items()):
             at = (edge + (2 * column + 1) * half[0], top - head - half[1])
-            draw_body(
-                ax,
-                bodies[[row]],
-                camera=camera.move(*at),
-                colors=choose_colors(run, bodies, row),
-                numbers=column == 0,
-                pale=pale if row == 0 else None,
-            )
-            ax.text(at[0], top - head / 2, f"{name}, {view}", weight="bold",
-                    ha="center", va="center")  # fmt: skip
+            aimed, paint = camera.move(*at), choose_colors(run, bodies, row)
+            draw_body(ax, bodies[[row]], camera=aimed, colors=paint)
+            if column == 0:
+                write_numbers(ax, bodies[[row]], aimed, paint)
+            if row == 0:
+                draw_pale(ax, pale, bodies[[row]], aimed)
+            font = {"weight": "bold", "ha": "center", "va": "center"}
+            ax.text(at[0], top - head / 2, f"{name}, {view}", font)
     return fig
 
 
@@ -134,8 +139,8 @@ def _write_row_title(ax: "Axes", run: Run, k: int, *, at: tuple[float, float]) -
     down = name_action(run, run.cycles[k].action).split(" + ")
     lines = "\n".join(map(shorten_label, down[:_MOST_JOINTS]))
     ax.annotate(f"cycle {k + 1}", at, weight="bold", fontsize=9, va="bottom")
-    ax.annotate(lines, at, (0, -3), textcoords="offset points", color=MUTED,
-                fontsize=7.5, va="top", linespacing=1.3)  # fmt: skip
+    below = ax.annotate(lines, at, (0, -3), textcoords="offset points", fontsize=7.5)
+    below.set(color=MUTED, va="top", linespacing=1.3)
 
 
 def _format_candidate_title(run: Run, cycle: Cycle, bodies: Bodies, row: int) -> str:
@@ -212,8 +217,8 @@ def _draw_pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) 
     ax.axvline(0, color=LINE, lw=0.8)
     ax.hlines(place, measured, predicted, color=MUTED, lw=1.2)
     ax.plot(measured, place, "o", color=BLUE, ms=6.5, label="measured")
-    ax.plot(predicted, place, "D", ms=4.5, mfc="none", mec=ORANGE, mew=1.5,
-            label="predicted")  # fmt: skip
+    (dots,) = ax.plot(predicted, place, "D", ms=4.5, label="predicted")
+    dots.set(mfc="none", mec=ORANGE, mew=1.5)
     ax.grid(axis="y")
     ax.tick_params(axis="y", length=0)
 
@@ -221,27 +226,40 @@ def _draw_pairs(ax: "Axes", place: Floats, measured: Floats, predicted: Floats) 
 def draw_sureness(run: Run) -> "Figure":
     """How sure each attachment was after every cycle."""
     values = np.array([c.sureness for c in run.cycles]).T
-    parts, count = values.shape
-    fig = _make_figure(1.0 + 0.27 * parts)
-    ax = fig.subplots()
-    edges = np.arange(count + 1) + 0.5, np.arange(parts + 1) + 0.5
-    mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(values), cmap="cividis",
-                         vmin=0, vmax=1, edgecolors="face", lw=0.3)  # fmt: skip
-    _set_cycle_ticks(ax, run)
     names = [f"{shorten_label(n)}  {i + 1}" for i, n in enumerate(run.anatomy.parts)]
-    ax.set_yticks(np.arange(parts) + 1, names)
+    fig = _make_figure(1.0 + 0.27 * len(names))
+    ax = _draw_map(fig, values, names, "cividis", 1.0)
+    _set_cycle_ticks(ax, run)
+    for (i, k), value in np.ndenumerate(values):
+        if np.isfinite(value) and len(run.cycles) <= 24:
+            ink = _BLACK if value > 0.5 else _WHITE
+            font = {"fontsize": 7.5, "color": ink, "ha": "center", "va": "center"}
+            ax.text(k + 1, i + 1, f"{100 * value:.0f}", font)
+    _frame_wrong_cells(ax, run)
+    return fig
+
+
+def _draw_map(
+    fig: "Figure", values: Floats, names: Sequence[str], colors: str, most: float
+) -> "Axes":
+    """A map of shares (N, M) of named rows; cell [i, k] is at (k + 1, i + 1).
+
+    Args:
+        colors: name of matplotlib's map of colors from 0 to `most`.
+    """
+    ax = fig.subplots()
+    y, x = (np.arange(count + 1) + 0.5 for count in values.shape)
+    mesh = ax.pcolormesh(
+        x, y, np.ma.masked_invalid(values), cmap=colors, vmin=0, vmax=most
+    )
+    mesh.set(edgecolors="face", lw=0.3)
+    ax.set_yticks(np.arange(len(names)) + 1, names)
     ax.invert_yaxis()
     ax.tick_params(length=0)
     ax.spines[:].set_visible(False)
-    for (i, k), value in np.ndenumerate(values):
-        if np.isfinite(value) and count <= 24:
-            ink = _BLACK if value > 0.5 else _WHITE
-            ax.text(k + 1, i + 1, f"{100 * value:.0f}", ha="center", va="center",
-                    fontsize=7.5, color=ink)  # fmt: skip
-    _frame_wrong_cells(ax, run)
     bar = fig.colorbar(mesh, ax=ax, pad=0.01, fraction=0.03, format="{x:.0%}")
     bar.outline.set_visible(False)
-    return fig
+    return ax
 
 
 def _frame_wrong_cells(ax: "Axes", run: Run) -> None:
@@ -280,23 +298,22 @@ def _draw_trace(top: "Axes", below: "Axes", trace: Trace) -> None:
     size = len(trace.time)
     at = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
     time, read = trace.time[at], trace.read[at]
-    curves = {name: getattr(trace, name)[at] for name in _CURVES}
     dot = "" if trace.episode else "o"
     top.plot(time, read, color=INK, lw=3.4, alpha=0.45, label="measured", marker=dot)
     below.axhline(0, color=LINE, lw=0.8)
-    for name, curve in curves.items():
-        top.plot(time, curve, label=name, marker=dot, **_CURVES[name])
-        below.plot(time, curve - read, marker=dot, **_CURVES[name])
+    curves = {name: getattr(trace, name)[at] for name in CURVES}
+    for name, (color, width) in CURVES.items():
+        dash = (0, (4, 2)) if name == "given" else "-"
+        for ax, curve in ((top, curves[name]), (below, curves[name] - read)):
+            ax.plot(time, curve, dot, label=name, color=color, lw=width, ls=dash)
     fitted = [curves["refit"], curves["patched"]]
     # a model that is far off leaves the picture instead of flattening the others
     room = _measure_span(read) or _measure_span(np.concatenate(fitted))
     _limit_axis(top, read, fitted, 0.6 * room)
     _limit_axis(below, 0 * read, [curve - read for curve in fitted], 1.2 * room)
-    where = (
-        f"episode {shorten_label(trace.episode)}"
-        if trace.episode
-        else "held-out episodes"
-    )
+    where = f"episode {shorten_label(trace.episode)}"
+    if not trace.episode:
+        where = "held-out episodes"
     title = f"{shorten_label(trace.signal)}, {where}"
     top.set_title(title, loc="left", weight="bold")
     top.set_ylabel(shorten_label(trace.unit))
@@ -331,25 +348,15 @@ def draw_error_map(located: Localization) -> "Figure":
     rows = np.sort(worst[:SIGNALS])
     share, p_value = located.share[rows], located.p_value[rows]
     most = max(0.01, float(np.nan_to_num(share).max()))
+    names = [shorten_label(located.signals[i]) for i in rows]
     fig = _make_figure(1.0 + 0.3 * len(rows))
-    ax = fig.subplots()
-    edges = np.arange(share.shape[1] + 1) + 0.5, np.arange(len(rows) + 1) + 0.5
-    mesh = ax.pcolormesh(*edges, np.ma.masked_invalid(share), cmap="Blues", vmin=0,
-                         vmax=most, edgecolors="face", lw=0.3)  # fmt: skip
+    ax = _draw_map(fig, share, names, "Blues", most)
     regimes = [shorten_label(r.replace("_", " ")) for r in located.regimes]
     ax.set_xticks(np.arange(len(regimes)) + 1, regimes)
     ax.xaxis.tick_top()
-    names = [shorten_label(located.signals[i]) for i in rows]
-    ax.set_yticks(np.arange(len(names)) + 1, names)
-    ax.invert_yaxis()
-    ax.tick_params(length=0)
-    ax.spines[:].set_visible(False)
     for (i, k), value in np.ndenumerate(share):
-        clear = bool(p_value[i, k] < _CLEAR)
-        dark = bool(value > 0.55 * most)
+        clear, dark = bool(p_value[i, k] < _CLEAR), bool(value > 0.55 * most)
         _draw_cell(ax, (k + 1, i + 1), value, dark=dark, clear=clear)
-    bar = fig.colorbar(mesh, ax=ax, pad=0.01, fraction=0.03, format="{x:.0%}")
-    bar.outline.set_visible(False)
     return fig
 
 
@@ -364,8 +371,8 @@ def _draw_cell(
     words = f"{100 * share:.0f}" if known else "\N{EN DASH}"
     if known and 0 < share < 0.005:
         words = "<1"
-    ax.text(*at, words, ha="center", va="center", fontsize=8, color=ink,
-            weight="bold" if clear else "normal")  # fmt: skip
+    text = ax.text(*at, words, ha="center", va="center", fontsize=8, color=ink)
     if clear:
+        text.set_fontweight("bold")
         corner = (at[0] - 0.46, at[1] - 0.44)
         ax.add_patch(Rectangle(corner, 0.92, 0.88, fill=False, ec=WRONG, lw=1.8))

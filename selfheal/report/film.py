@@ -1,13 +1,19 @@
 """A walk as a moving picture: rendered where there is OpenGL, else drawn."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .motion import FRAME, Lane, count_common_rows, draw_animation, embed_animation
+from .motion import (
+    FRAME,
+    Lane,
+    count_common_rows,
+    draw_animation,
+    embed_animation,
+    encode_frames,
+)
 from .page import Html
 from .picture import INK, PAPER
 from .render import SQUARE, render_lanes
@@ -69,17 +75,8 @@ def join_strips(
 
 
 def encode_webp(frames: Sequence["Image"], *, duration: float = 1.0) -> bytes:
-    """One picture, or several as a moving one.
-
-    Args:
-        frames: at least one.
-        duration: that each is shown [s].
-    """
-    buffer = io.BytesIO()
-    first, *others = frames
-    first.save(buffer, "WEBP", save_all=True, append_images=others, loop=0,
-               duration=round(1000 * duration), quality=_QUALITY, method=2)  # fmt: skip
-    return buffer.getvalue()
+    """One picture, or several as a moving one, each shown for a duration [s]."""
+    return encode_frames(frames, "WEBP", duration=duration, quality=_QUALITY, method=2)
 
 
 def _load_font() -> "FreeTypeFont":

@@ -1,16 +1,16 @@
 """The page of a heal: what happened, how it was found, and how the robot walks now."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, concatenate_bodies
+from ..body.body import Bodies, concatenate_bodies
 from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import project_on_heading
 from ..printable import make_printable
+from ..recovery.phased_run import Phase
 from ..recovery.phases import describe_belief, read_damage
 from ..recovery.record import HealRun, read_gait
 from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
@@ -24,12 +24,15 @@ from .picture import (
     INK,
     MUTED,
     ORANGE,
-    WIDTH,
     draw_paths,
     embed_figure,
+    make_canvas,
+    make_plot,
+    place_legend,
     use_page_style,
 )
 
+Hypothesis = tuple[str, str]  # kind and target
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
@@ -74,7 +77,7 @@ def _write_lead(run: HealRun) -> str:
     )
 
 
-def describe_alarm(alarm: Mapping[str, Any], onset: float | None) -> str:
+def describe_alarm(alarm: Phase, onset: float | None) -> str:
     """When an alarm came, by which sensor, and how long after the damage.
 
     Args:
@@ -94,28 +97,27 @@ def _list_lanes(run: HealRun, before: Bodies, after: Bodies) -> list[Lane]:
     """The three walks."""
     whole, walked = run.phases["whole"], run.phases["walked"]
     keys = ("position", "orientation", "angles")
-    lanes = [Lane("whole", BLUE, before, *(whole[k][:_ROWS] for k in keys))]
-    for name, title, color in (
-        ("damaged", "broken, with the old gait", ORANGE),
-        ("healed", "broken, with the new gait", GREEN),
-    ):
-        lanes.append(Lane(title, color, after, *(walked[f"{name}_{k}"] for k in keys)))
-    return lanes
+    old, new = ([walked[f"{n}_{k}"] for k in keys] for n in ("damaged", "healed"))
+    return [
+        Lane("whole", BLUE, before, *(whole[k][:_ROWS] for k in keys)),
+        Lane("broken, with the old gait", ORANGE, after, *old),
+        Lane("broken, with the new gait", GREEN, after, *new),
+    ]
 
 
 def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     """Distances, paths, the animation."""
     lanes, heading = _list_lanes(run, before, after), run.settings.heading
     d, p = run.result["distance"], run.result["predicted"]
+    titles = {
+        "intact": "whole",
+        "damaged": "broken, with the old gait",
+        "healed": "broken, with the new gait",
+        "best_known": "broken, a gait made knowing the damage",
+    }
     rows = [
-        ("whole", _format_meters(d["intact"]), _format_meters(p["intact"])),
-        ("broken, with the old gait", _format_meters(d["damaged"]), ""),
-        (
-            "broken, with the new gait",
-            _format_meters(d["healed"]),
-            _format_meters(p["healed"]),
-        ),
-        ("broken, a gait made knowing the damage", _format_meters(d["best_known"]), ""),
+        (title, _format_meters(d[key]), _format_meters(p[key]) if key in p else "")
+        for key, title in titles.items()
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
@@ -123,9 +125,12 @@ def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
         "shown on the body that the robot believes in; twice as fast as they were."
     )
     moving = make_film(lanes, heading, caption, sample=SAMPLE)
-    return Section(
-        "Walks", (make_table(head, rows, "lrr"), moving, _draw_paths(lanes, heading))
-    )
+    paths = [
+        (a.title, a.color, *project_on_heading(a.position, heading)) for a in lanes
+    ]
+    ways = "Ways of the torso from above, 10 s each; they begin at the dot."
+    drawn = draw_paths(paths, "along the heading", ways)
+    return Section("Walks", (make_table(head, rows, "lrr"), moving, drawn))
 
 
 def _format_meters(value: float | None) -> str:
@@ -133,33 +138,19 @@ def _format_meters(value: float | None) -> str:
     return "unknown" if value is None else f"{value:.2f}"
 
 
-def _draw_paths(lanes: list[Lane], heading: float) -> Html:
-    """The ways from above."""
-    paths = [
-        (a.title, a.color, *project_on_heading(a.position, heading)) for a in lanes
-    ]
-    caption = "Ways of the torso from above, 10 s each; they begin at the dot."
-    return draw_paths(paths, "along the heading", caption)
-
-
 def _make_bodies_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     """The body before and after."""
-    from matplotlib.figure import Figure
-
     both = concatenate_bodies(before, after)
     camera = look_from_behind(both)
-    half = measure_window(both, camera)
-    fig = Figure(figsize=(WIDTH, WIDTH * half[1] / (2 * half[0])))
-    ax = fig.add_axes((0, 0, 1, 1))
-    ax.set_axis_off()
-    ax.set_xlim(-2 * half[0], 2 * half[0])
-    ax.set_ylim(-half[1], half[1])
+    x, y = measure_window(both, camera)
+    fig, ax = make_canvas(4 * x, 2 * y)
     whole = [NEUTRAL] * before.anatomy.size
-    draw_body(ax, before, camera=camera.move(-half[0], 0.0), colors=whole)
-    colors = _choose_colors(run, after)
-    draw_body(ax, after, camera=camera.move(half[0], 0.0), colors=colors)
-    for x, title in ((-1.95 * half[0], "before"), (0.05 * half[0], "after")):
-        ax.text(x, 0.92 * half[1], title, color=INK, fontsize=10)
+    draw_body(ax, before, camera=camera.move(x, -y), colors=whole)
+    draw_body(
+        ax, after, camera=camera.move(3 * x, -y), colors=_choose_colors(run, after)
+    )
+    for left, title in ((0.05 * x, "before"), (2.05 * x, "after")):
+        ax.text(left, -0.08 * y, title, color=INK, fontsize=10)
     caption = "The body that the robot believes in; what the damage touches is orange."
     best = run.phases["verdict"]["believed"][0]
     words = make_paragraph(
@@ -181,12 +172,9 @@ def _choose_colors(run: HealRun, body: Bodies) -> list[str]:
 
 def _make_alarm_section(run: HealRun) -> Section:
     """The monitor's sums over time."""
-    from matplotlib.figure import Figure
-
     phase = run.phases["alarm"]
     time, sums, limit = phase["time"], phase["sums"], phase["threshold"]
-    fig = Figure(figsize=(WIDTH, 3.0))
-    ax = fig.add_axes((0.07, 0.16, 0.68, 0.78))
+    fig, ax = make_plot(3.0, (0.07, 0.16, 0.68, 0.78), "time [s]", "misfit [nats]")
     ax.plot(time, sums[:, :-1], color=MUTED, lw=0.7, alpha=0.6)
     ax.plot(time, sums[:, -1], color=BLUE, lw=1.6, label="all channels together")
     ax.plot([], [], color=MUTED, lw=0.7, label="each channel")
@@ -197,21 +185,19 @@ def _make_alarm_section(run: HealRun) -> Section:
     if alarm:
         ax.axvline(alarm["time"], color=GREEN, lw=1.2, label="it noticed")
     ax.set_ylim(0, 3 * limit)
-    ax.set_xlabel("time [s]")
-    ax.set_ylabel("misfit [nats]")
-    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-    words = "No sum passed the threshold." if not alarm else (
-        f"There was an {describe_alarm(alarm, run.settings.onset)}; a whole robot "
-        f"would raise one as clear by then with a chance of {alarm['p_value']:.1g}."
-    )  # fmt: skip
+    place_legend(ax)
+    words = "No sum passed the threshold."
+    if alarm:
+        words = (
+            f"There was an {describe_alarm(alarm, run.settings.onset)}; a whole robot "
+            f"would raise one as clear by then with a chance of {alarm['p_value']:.1g}."
+        )
     caption = (
         "How badly sensing fits what is predicted, summed up over time (CUSUM). The "
         "threshold keeps false alarms at one an hour of walking. What comes after the "
         "alarm is drawn, but was not waited for."
     )
-    return Section(
-        "When it noticed", (make_paragraph(words), embed_figure(fig, caption))
-    )
+    return Section("When it noticed", (words, embed_figure(fig, caption)))
 
 
 def _make_hypotheses_section(run: HealRun) -> Section:
@@ -240,35 +226,26 @@ def _format_percent(share: float) -> str:
     return "< 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"
 
 
-def _draw_beliefs(actions: list[Mapping[str, Any]]) -> Html:
+def _draw_beliefs(actions: Sequence[Phase]) -> Html:
     """Probability of the hypotheses that were ever likely, after each action."""
-    from matplotlib.figure import Figure
-
     after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in actions]
     keys = dict.fromkeys(key for a in after for key in a)
     top = sorted(keys, key=lambda key: -max(_find_probability(a, key) for a in after))
-    fig = Figure(figsize=(WIDTH, 2.8))
-    ax = fig.add_axes((0.07, 0.17, 0.6, 0.78))
+    fig, ax = make_plot(2.8, (0.07, 0.17, 0.6, 0.78), "actions", "probability")
     steps = np.arange(1, len(after) + 1)
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
-        chances: Floats = np.array([_find_probability(a, key) for a in after])
+        chances = [_find_probability(a, key) for a in after]
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
-        ax.plot(
-            steps, chances, "o-", color=color, lw=1.4, ms=4, label=make_printable(said)
-        )
+        label = make_printable(said)
+        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=label)
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
-    ax.set_xlabel("actions")
-    ax.set_ylabel("probability")
-    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
-    return embed_figure(
-        fig, "How likely each kind and place of damage was after each action."
-    )
+    place_legend(ax)
+    caption = "How likely each kind and place of damage was after each action."
+    return embed_figure(fig, caption)
 
 
-def _find_probability(
-    after: Mapping[tuple[str, str], Any], key: tuple[str, str]
-) -> float:
+def _find_probability(after: Mapping[Hypothesis, Phase], key: Hypothesis) -> float:
     """Probability of a hypothesis; one that is not listed has next to none."""
     return float(after[key]["probability"]) if key in after else 0.0
 
@@ -278,13 +255,17 @@ def _make_gaits_section(run: HealRun) -> Section:
     rows = []
     for name, title in (("gait", "whole"), ("healed", "healed")):
         gait = read_gait(run.phases[name])
-        spread = f"{gait.low:.2f} to {gait.high:.2f}"
-        seconds = f"{run.phases[name]['seconds']:.0f}"
-        rows.append((title, gait.pattern, f"{gait.cycle:.2f}", f"{gait.predicted:.2f}",
-                     spread, f"{gait.simulations:,}", f"{gait.failed:,}",
-                     seconds))  # fmt: skip
-    head = ("gait", "pattern", "cycle [s]", "predicted [m]", "80 % of robots",
-            "simulations", "failed", "time [s]")  # fmt: skip
+        cells: dict[str, object] = {
+            "gait": title,
+            "pattern": gait.pattern,
+            "cycle [s]": f"{gait.cycle:.2f}",
+            "predicted [m]": f"{gait.predicted:.2f}",
+            "80 % of robots": f"{gait.low:.2f} to {gait.high:.2f}",
+            "simulations": f"{gait.simulations:,}",
+            "failed": f"{gait.failed:,}",
+            "time [s]": f"{run.phases[name]['seconds']:.0f}",
+        }
+        rows.append(list(cells.values()))
     kept = "The old gait was kept: no better one was found."
     body = [kept] if run.phases["healed"]["kept"] else []
-    return Section("Gaits", (make_table(head, rows, "llrrrrrr"), *body))
+    return Section("Gaits", (make_table(list(cells), rows, "llrrrrrr"), *body))

@@ -1,8 +1,5 @@
 """The page of hours of walking and healing: what broke when, and how far it came."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from ..body.body import Bodies
@@ -10,6 +7,7 @@ from ..engine.plant import apply_damages, build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..recovery.hours import list_believed, list_first_speeds, list_walks
+from ..recovery.phased_run import Phase
 from ..recovery.phases import read_damage
 from ..recovery.record import HealRun
 from .facts import format_percent
@@ -23,14 +21,17 @@ from .picture import (
     INK,
     MUTED,
     ORANGE,
-    WIDTH,
     embed_figure,
+    make_plot,
+    place_legend,
     use_page_style,
 )
 
 _MOST_LANES = 8  # of the film, each about 0.15 MB and 2 s; chosen
-EVENT_HEAD = ("struck", "what happened", "alarm", "after", "believed",
-              "before", "damaged", "healed", "kept", "first gait")  # fmt: skip
+EVENT_HEAD = (
+    *("struck", "what happened", "alarm", "after", "believed"),
+    *("before", "damaged", "healed", "kept", "first gait"),
+)
 
 
 def make_hours_page(run: HealRun, models: Bodies) -> str:
@@ -56,7 +57,7 @@ def make_hours_page(run: HealRun, models: Bodies) -> str:
     return make_page(title, sections, lead=describe_hours(run.result))
 
 
-def describe_hours(result: Mapping[str, Any]) -> str:
+def describe_hours(result: Phase) -> str:
     """All of it in a few sentences."""
     events = result["events"]
     struck = [event for event in events if event["damage"]]
@@ -72,12 +73,12 @@ def describe_hours(result: Mapping[str, Any]) -> str:
     )
 
 
-def format_events(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def format_events(result: Phase) -> list[tuple[str, ...]]:
     """Rows of the table of damages and alarms; see `EVENT_HEAD`."""
     return [_format_event(event, result["intact"]) for event in result["events"]]
 
 
-def _format_event(event: Mapping[str, Any], intact: float) -> tuple[str, ...]:
+def _format_event(event: Phase, intact: float) -> tuple[str, ...]:
     """A row of the table, with the whole robot's speed [m/min]."""
     alarm, believed, delay = event["alarm"], event["believed"], event["delay"]
     happened = read_damage(event["damage"]) if event["damage"] else "nothing"
@@ -101,19 +102,17 @@ def _format_event(event: Mapping[str, Any], intact: float) -> tuple[str, ...]:
 
 def _draw_speeds(run: HealRun) -> str:
     """Speed of each walk over time, damages and alarms."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.2))
-    ax = fig.add_axes((0.07, 0.16, 0.72, 0.78))
+    box = (0.07, 0.16, 0.72, 0.78)
+    fig, ax = make_plot(3.2, box, "time [min]", "speed [m/min]")
     walks = list_walks(run)
     for start, seconds, way in walks:
-        ax.plot(np.array([start, start + seconds]) / 60, [60 * way / seconds] * 2,
-                color=BLUE, lw=2)  # fmt: skip
+        ends = np.array([start, start + seconds]) / 60
+        ax.plot(ends, [60 * way / seconds] * 2, color=BLUE, lw=2)
     end = sum(walks[-1][:2])
     times, speeds = np.array([*list_first_speeds(run), (end, np.nan)]).T
     ax.plot([], [], color=BLUE, lw=2, label="each walk")
-    ax.step(times / 60, [*speeds[:-1], speeds[-2]], where="post", color=MUTED, lw=1.0,
-            ls=(0, (4, 3)), label="with the first gait")  # fmt: skip
+    (steps,) = ax.step(times / 60, [*speeds[:-1], speeds[-2]], where="post")
+    steps.set(color=MUTED, lw=1.0, ls=(0, (4, 3)), label="with the first gait")
     for event in run.result["events"]:
         if event["damage"]:
             ax.axvline(event["time"] / 60, color=ORANGE, lw=1.0)
@@ -123,9 +122,7 @@ def _draw_speeds(run: HealRun) -> str:
     ax.plot([], [], color=ORANGE, lw=1.0, label="damage")
     ax.plot([], [], "^", color=GREEN, ms=6, label="alarm")
     ax.plot([], [], "^", color=INK, ms=6, label="false alarm")
-    ax.set_xlabel("time [min]")
-    ax.set_ylabel("speed [m/min]")
-    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
+    place_legend(ax)
     caption = (
         "Mean speed of each walk along the heading, as the robot faces at each 10 s "
         "anew. Time stands still while "

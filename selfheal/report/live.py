@@ -7,14 +7,14 @@ without scripts there is the plain figure.
 import json
 from collections.abc import Sequence
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..body.body import Floats
 from ..diagnosis.output.result import Trace
 from .page import Html, join_markup
-from .picture import BLUE, INK, MUTED, ORANGE
+from .picture import CURVES, INK
 
 if TYPE_CHECKING:
     from bokeh.models import ColumnDataSource, GridPlot
@@ -26,11 +26,7 @@ EXTRA = "interactive"  # of pyproject.toml
 _POINTS = 2000  # most of a curve; chosen: zoomed to a third it still fills a screen
 _HIGH, _LOW = 220, 120  # [px] of a curve, and of what it is off by; chosen
 _TICK = 40  # [px] from one number on an axis to the next, about; chosen
-_CURVES: dict[str, dict[str, Any]] = {
-    "given": {"color": MUTED, "line_width": 1.2, "line_dash": "dashed"},
-    "refit": {"color": ORANGE, "line_width": 1.4},
-    "patched": {"color": BLUE, "line_width": 1.6},
-}
+_WIDER = 0.2  # [px] than the plain curves; chosen
 
 
 def is_live_available() -> bool:
@@ -72,17 +68,19 @@ def _draw_trace(trace: Trace, upper: "Axes", lower: "Axes") -> "GridPlot":
     source = _make_source(trace)
     top, below = _make_plot(upper, _HIGH), _make_plot(lower, _LOW)
     below.x_range, below.xaxis.axis_label = top.x_range, lower.get_xlabel()
-    read = top.line("time", "measured", source=source, color=INK, line_alpha=0.45,
-                    line_width=4, legend_label="measured")  # fmt: skip
-    for name, style in _CURVES.items():
-        top.line("time", name, source=source, legend_label=name, **style)
-        below.line("time", f"{name}_off", source=source, **style)
-    names = ["time", "measured", *_CURVES]
-    tips = [(name, f"@{name}{{%.5g}}") for name in names]
-    top.add_tools(HoverTool(
-        tooltips=tips, formatters={f"@{name}": "printf" for name in names},
-        mode="vline", renderers=[read],
-    ))  # fmt: skip
+    read = top.line("time", "measured", source=source, legend_label="measured")
+    read.glyph.update(line_color=INK, line_alpha=0.45, line_width=4)
+    for name, (color, width) in CURVES.items():
+        curve = top.line("time", name, source=source, legend_label=name)
+        error = below.line("time", f"{name}_off", source=source)
+        dash = "dashed" if name == "given" else "solid"
+        for glyph in (curve.glyph, error.glyph):
+            glyph.update(line_color=color, line_width=width + _WIDER, line_dash=dash)
+    names = ["time", "measured", *CURVES]
+    hover = HoverTool(mode="vline", renderers=[read])
+    hover.tooltips = [(name, f"@{name}{{%.5g}}") for name in names]
+    hover.formatters = {f"@{name}": "printf" for name in names}
+    top.add_tools(hover)
     top.legend.orientation, top.legend.click_policy = "horizontal", "hide"
     top.add_layout(top.legend[0], "above")
     return gridplot(
@@ -97,7 +95,7 @@ def _make_source(trace: Trace) -> "ColumnDataSource":
     size = len(trace.time)
     at = np.unique(np.linspace(0, size - 1, min(size, _POINTS)).astype(int))
     columns: dict[str, Floats] = {"measured": trace.read[at]}
-    for name in _CURVES:
+    for name in CURVES:
         columns[name] = getattr(trace, name)[at]
         columns[f"{name}_off"] = columns[name] - columns["measured"]
     small = {name: values.astype(np.float32) for name, values in columns.items()}

@@ -1,8 +1,7 @@
 """Where on a robot findings are: a model and a diagnosis in, places on bodies out."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,7 +10,7 @@ from ..diagnosis.output.result import Diagnosis
 from .picture import shorten_label
 
 if TYPE_CHECKING:
-    from mujoco import MjModel
+    from mujoco import MjModel, mjtObj
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +55,10 @@ def find_marks(model: "MjModel", diagnosis: Diagnosis) -> tuple[list[Mark], list
     return marks, elsewhere
 
 
-def _find_element(model: "MjModel", kind: str, name: str) -> tuple[Any, int]:
-    """Type (mjtObj) and id of what a target names; None for the world."""
+def _find_element(
+    model: "MjModel", kind: str, name: str
+) -> tuple["mjtObj | None", int]:
+    """Type and id of what a target names; None for the world."""
     import mujoco
 
     if kind not in ("joint", "actuator", "body", "geom", "sensor"):
@@ -66,27 +67,31 @@ def _find_element(model: "MjModel", kind: str, name: str) -> tuple[Any, int]:
     return kinds[f"mjOBJ_{kind.upper()}"], int(getattr(model, kind)(name).id)
 
 
-def _find_point(model: "MjModel", kind: Any, i: int) -> tuple[int, Floats]:
+def _find_point(
+    model: "MjModel", kind: "mjtObj | int | None", i: int
+) -> tuple[int, Floats]:
     """Body that the i-th object of a type is on and where [m]; body 0: on none."""
     from mujoco import mjtObj, mjtTrn
 
     if kind == mjtObj.mjOBJ_SENSOR:
         return _find_point(model, model.sensor_objtype[i], int(model.sensor_objid[i]))
     if kind == mjtObj.mjOBJ_ACTUATOR:
-        driven: Mapping[int, Any] = {
+        driven = {
             mjtTrn.mjTRN_JOINT: mjtObj.mjOBJ_JOINT,
             mjtTrn.mjTRN_JOINTINPARENT: mjtObj.mjOBJ_JOINT,
             mjtTrn.mjTRN_SITE: mjtObj.mjOBJ_SITE,
             mjtTrn.mjTRN_BODY: mjtObj.mjOBJ_BODY,
         }
-        kind = driven.get(mjtTrn(int(model.actuator_trntype[i])))
-        return _find_point(model, kind, int(model.actuator_trnid[i, 0]))
-    if kind == mjtObj.mjOBJ_JOINT:
-        return int(model.jnt_bodyid[i]), model.jnt_pos[i]
-    if kind == mjtObj.mjOBJ_GEOM:
-        return int(model.geom_bodyid[i]), model.geom_pos[i]
-    if kind == mjtObj.mjOBJ_SITE:
-        return int(model.site_bodyid[i]), model.site_pos[i]
+        at = driven.get(mjtTrn(int(model.actuator_trntype[i])))
+        return _find_point(model, at, int(model.actuator_trnid[i, 0]))
     if kind in (mjtObj.mjOBJ_BODY, mjtObj.mjOBJ_XBODY):
         return i, model.body_ipos[i]
+    for own, field in (
+        (mjtObj.mjOBJ_JOINT, "jnt"),
+        (mjtObj.mjOBJ_GEOM, "geom"),
+        (mjtObj.mjOBJ_SITE, "site"),
+    ):
+        if kind == own:
+            body = getattr(model, f"{field}_bodyid")[i]
+            return int(body), getattr(model, f"{field}_pos")[i]
     return 0, np.zeros(3)

@@ -14,6 +14,7 @@ from .picture import INK, LINE, MUTED, WIDTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from PIL.Image import Image
 
 FRAME = 0.2  # [s] of a walk from picture to picture, shown in half of it; chosen
 _DEPTH = 0.3  # of what lies across, seen from the side and above; chosen
@@ -96,11 +97,25 @@ def draw_animation(
         sample: seconds between the rows of a lane.
     """
     frames = _draw_frames(lanes, heading, max(1, round(FRAME / sample)))
-    buffer = io.BytesIO()
-    first, *others = frames
-    first.save(buffer, "GIF", save_all=True, append_images=others, loop=0,
-               duration=round(500 * FRAME), optimize=True)  # fmt: skip
-    return embed_animation(buffer.getvalue(), "gif", caption)
+    film = encode_frames(frames, "GIF", duration=FRAME / 2, optimize=True)
+    return embed_animation(film, "gif", caption)
+
+
+def encode_frames(
+    frames: Sequence["Image"], kind: str, *, duration: float, **how: object
+) -> bytes:
+    """One picture, or several as a moving one.
+
+    Args:
+        frames: at least one.
+        kind: "GIF" or "WEBP".
+        duration: that each is shown [s].
+        how: to write that kind, as Pillow takes it.
+    """
+    buffer, (first, *others) = io.BytesIO(), frames
+    how |= {"save_all": True, "append_images": others, "loop": 0}
+    first.save(buffer, kind, duration=round(1000 * duration), **how)
+    return buffer.getvalue()
 
 
 def embed_animation(picture: bytes, kind: str, caption: str) -> Html:
@@ -119,11 +134,11 @@ def count_common_rows(lanes: Sequence[Lane]) -> int:
     return min(len(lane.position) for lane in lanes)
 
 
-def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
+def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list["Image"]:
     """The pictures, with few colors so that they stay small."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from PIL import Image
+    from PIL.Image import frombytes
 
     ways = [_project_points(lane.position * [1, 1, 0], heading) for lane in lanes]
     low, bottom = np.min([way.min(axis=0) for way in ways], axis=0) - [0.3, 0.18]
@@ -142,9 +157,8 @@ def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list:
             ax.set_axis_off()
             _draw_walk(ax, lane, k, heading, (low, high, top))
         canvas.draw()
-        image = Image.frombytes(
-            "RGBA", canvas.get_width_height(), bytes(canvas.buffer_rgba())
-        )
+        drawn = bytes(canvas.buffer_rgba())
+        image = frombytes("RGBA", canvas.get_width_height(), drawn)
         frames.append(image.convert("RGB").quantize(32))
     return frames
 
@@ -156,12 +170,11 @@ def _draw_walk(
     ax.plot(ends[:2], (0, 0), color=LINE, lw=1, zorder=0)
     for mark in np.arange(0, ends[1], 0.5):
         ax.plot((mark, mark), (-0.02, 0.0), color=MUTED, lw=0.8, zorder=0)
-        ax.text(
-            mark, -0.03, f"{mark:.1f} m", color=MUTED, fontsize=7, ha="center", va="top"
-        )
+        ticks = {"color": MUTED, "fontsize": 7, "ha": "center", "va": "top"}
+        ax.text(mark, -0.03, f"{mark:.1f} m", ticks)
     ax.text(ends[0] + 0.02, ends[2] - 0.05, lane.title, color=INK, fontsize=10)
     path = _project_points(lane.position[: k + 1] * [1, 1, 0], heading)
-    ax.plot(path[:, 0], path[:, 1], color=lane.color, lw=0.8, alpha=0.5, zorder=1)
+    ax.plot(*path.T, color=lane.color, lw=0.8, alpha=0.5, zorder=1)
     _draw_legs(ax, lane, k, heading)
 
 
@@ -182,10 +195,10 @@ def _draw_legs(ax: "Axes", lane: Lane, k: int, heading: float) -> None:
     ax.add_patch(Polygon(hull, facecolor=_TORSO, edgecolor=MUTED, lw=0.6, zorder=3))
     for hip in parts[lane.body.parent[0] == 0, 0]:
         beam = _project_points(np.array([place, hip]), heading)
-        ax.plot(beam[:, 0], beam[:, 1], color=_TORSO, lw=3, zorder=2)
+        ax.plot(*beam.T, color=_TORSO, lw=3, zorder=2)
     for i in np.argsort(-away, kind="stable"):
         seen = _project_points(parts[i], heading)
         thick = 6 * min(1.0, float(lane.body.thickness[0, i]) + 0.2)
-        ax.plot(seen[:, 0], seen[:, 1], color=lane.color, lw=thick,
-                solid_capstyle="round", alpha=0.55 if away[i] > middle else 1.0,
-                zorder=2 if away[i] > middle else 4)  # fmt: skip
+        alpha, zorder = (0.55, 2) if away[i] > middle else (1.0, 4)
+        (part,) = ax.plot(*seen.T, color=lane.color, lw=thick, alpha=alpha)
+        part.set(solid_capstyle="round", zorder=zorder)

@@ -61,6 +61,11 @@ def make_paragraph(*pieces: object) -> Html:
     return Html("<p>{}</p>").format(join_markup(*pieces))
 
 
+def make_note(*pieces: object) -> Html:
+    """A paragraph in soft color."""
+    return make_paragraph(mark_text(join_markup(*pieces), "soft"))
+
+
 def make_table(
     head: Sequence[str], rows: Iterable[Sequence[object]], align: str
 ) -> Html:

@@ -1,10 +1,10 @@
 """A diagnosis in words: takes diagnosis.json, gives sentences and their parts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
-from typing import Any
 
 from ..diagnosis.effects import load_catalogue
+from ..diagnosis.output.schema import Document, Finding, FitScores
 from . import tables
 from .facts import format_percent
 from .tables import format_quantity, format_short, parse_number
@@ -35,12 +35,10 @@ MEANS = {
     "what was never excited cannot be seen, and stands under Remarks.",
 }
 _MOST_PLACES = 4  # that a sentence names; chosen
-
-
 _ALL = 0.995  # share of the explainable error that is called all of it; chosen
 
 
-def state_verdict(document: Mapping[str, Any]) -> str:
+def state_verdict(document: Document) -> str:
     """The verdict of diagnosis.json in a sentence."""
     verdict, found = document["verdict"], document["findings"]
     if verdict == "nothing":
@@ -60,16 +58,13 @@ def state_verdict(document: Mapping[str, Any]) -> str:
             "The model lacks physics that is not in the catalogue: structured error "
             "remains, and no effect earns its place."
         )
-    rest = (
-        ""
-        if verdict == "explained"
-        else (", and structured error remains that has no name")
-    )
+    left = ", and structured error remains that has no name"
+    rest = left if verdict != "explained" else ""
     gain = _state_improvement(document["fit"], len(_list_clauses(found)))
     return f"{_name_findings(found)}; {gain}{rest}."
 
 
-def _name_findings(found: Sequence[Mapping[str, Any]]) -> str:
+def _name_findings(found: Sequence[Finding]) -> str:
     """What was found, as the first half of a sentence."""
     said = _list_clauses(found)
     if len(said) == 1:
@@ -79,9 +74,9 @@ def _name_findings(found: Sequence[Mapping[str, Any]]) -> str:
     return f"{len(said)} things differ from the model{first}: {shown}"
 
 
-def _list_clauses(found: Sequence[Mapping[str, Any]]) -> list[str]:
+def _list_clauses(found: Sequence[Finding]) -> list[str]:
     """A clause a finding; the same thing in several places is one."""
-    alike: dict[str, list[Mapping[str, Any]]] = {}
+    alike: dict[str, list[Finding]] = {}
     for finding in found:
         alike.setdefault(_write_clause(finding, "{}"), []).append(finding)
     return [
@@ -90,25 +85,20 @@ def _list_clauses(found: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _state_improvement(fit: Mapping[str, Any], count: int) -> str:
+def _state_improvement(fit: FitScores, count: int) -> str:
     """How much the findings help, as the second half."""
-    them = "it" if count == 1 else "together they"
+    them, s = ("it", "s") if count == 1 else ("together they", "")
     removed, over = _find_removed(fit)
-    refit, patched = (
-        format_short(fit.get("refit"), 2),
-        format_short(fit.get("patched"), 2),
-    )
+    refit, patched = (format_short(fit.get(k), 2) for k in ("refit", "patched"))
     if not isfinite(removed):
-        verb = "brings" if count == 1 else "bring"
-        return f"{them} {verb} the held-out error from {refit} to {patched}"
-    verb = "explains" if count == 1 else "explain"
+        return f"{them} bring{s} the held-out error from {refit} to {patched}"
     if removed <= 0:
-        return f"{them} {verb} none of the held-out error ({refit} before)"
+        return f"{them} explain{s} none of the held-out error ({refit} before)"
     much = format_percent(removed) if removed < _ALL else "all"
-    return f"{them} {verb} {much} of the error{over} that can be explained"
+    return f"{them} explain{s} {much} of the error{over} that can be explained"
 
 
-def _find_removed(fit: Mapping[str, Any]) -> tuple[float, str]:
+def _find_removed(fit: FitScores) -> tuple[float, str]:
     """Share of the explainable error that is gone, and over how long, if that counts.
 
     Short pieces may be noise alone where longer ones show what findings are worth.
@@ -123,7 +113,7 @@ def _find_removed(fit: Mapping[str, Any]) -> tuple[float, str]:
     return removed, ""
 
 
-def _write_clause(finding: Mapping[str, Any], place: str) -> str:
+def _write_clause(finding: Finding, place: str) -> str:
     """A finding in plain words, without a capital and a full stop."""
     parameters = {p["name"]: format_quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
@@ -142,7 +132,7 @@ def _write_clause(finding: Mapping[str, Any], place: str) -> str:
     )
 
 
-def _tell_given(finding: Mapping[str, Any]) -> dict[str, str]:
+def _tell_given(finding: Finding) -> dict[str, str]:
     """What a phrase says of the one value that the model states in a finding's place.
 
     Returns:

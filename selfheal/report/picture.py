@@ -6,7 +6,7 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..body.body import Floats
 from ..printable import escape_unprintable, make_printable
@@ -18,15 +18,16 @@ if TYPE_CHECKING:
 
 # drawn in the light values of the page's variables, which then take their place
 INK, MUTED, LINE, PAPER = "#1b1f24", "#5b6470", "#d5dae0", "#ffffff"
-_VARIABLES = {INK: "var(--ink)", MUTED: "var(--muted)", LINE: "var(--line)",
-              PAPER: "var(--card)"}  # fmt: skip
+_VARIABLES = {INK: "ink", MUTED: "muted", LINE: "line", PAPER: "card"}
 WIDTH = 10.4  # of every figure [in]; chosen
 # Okabe and Ito's palette, which color-blind readers can tell apart
 BLUE, ORANGE, GREEN = "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, ORANGE, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # in order
+# color and width [pt] of what each model predicts; what the given one does is dashed
+CURVES = {"given": (MUTED, 1.0), "refit": (ORANGE, 1.2), "patched": (BLUE, 1.4)}
 _LARGEST_SVG = 1_500_000  # characters; beyond it a PNG is smaller; chosen
 _LONGEST_LABEL = 28  # characters; chosen
-_STYLE: Any = {  # names of rcParams are no plain str to matplotlib's stubs
+_STYLE = {
     "svg.fonttype": "none",
     "svg.hashsalt": "selfheal",
     "font.size": 9.0,
@@ -55,7 +56,8 @@ def use_page_style() -> Iterator[None]:
     """Figures made and drawn inside look like the page."""
     import matplotlib
 
-    with matplotlib.rc_context(_STYLE), warnings.catch_warnings():
+    style = matplotlib.rc_context(_STYLE)  # type: ignore[arg-type]  # no plain str
+    with style, warnings.catch_warnings():
         # the browser has its own fonts; matplotlib's only measures
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         yield
@@ -77,6 +79,28 @@ def make_canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
     ax.set_xlim(0, wide)
     ax.set_ylim(-high, 0)
     return fig, ax
+
+
+def make_plot(
+    height: float, box: tuple[float, float, float, float], x: str, y: str
+) -> tuple["Figure", "Axes"]:
+    """A figure [in] with axes in a box (left, bottom, width, height), of its size.
+
+    Args:
+        x, y: labels of the axes.
+    """
+    from matplotlib.figure import Figure
+
+    fig = Figure(figsize=(WIDTH, height))
+    ax = fig.add_axes(box)
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)
+    return fig, ax
+
+
+def place_legend(ax: "Axes") -> None:
+    """Put the legend to the right of axes."""
+    ax.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
 
 
 def shorten_label(value: object) -> str:
@@ -115,17 +139,13 @@ def draw_paths(
         paths: title, color, and (S) to the right and (S) up [m] of each.
         forward: what is to the right, in words; up is to its left.
     """
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.5))
-    ax = fig.add_axes((0.07, 0.15, 0.9, 0.8))
+    box = (0.07, 0.15, 0.9, 0.8)
+    fig, ax = make_plot(3.5, box, f"{forward} [m]", "to the left [m]")
     for title, color, x, y in paths:
         ax.plot(x, y, color=color, lw=1.5, label=title)
         ax.plot(x[-1], y[-1], "o", color=color, ms=5)
     ax.plot(0, 0, "o", color=INK, ms=4)
     ax.set_aspect("equal", adjustable="datalim")
-    ax.set_xlabel(f"{forward} [m]")
-    ax.set_ylabel("to the left [m]")
     ax.legend()
     ax.grid(True)
     return embed_figure(fig, caption)
@@ -142,7 +162,7 @@ def _encode_svg(fig: "Figure") -> str:
     # names of groups repeat from figure to figure; nothing refers to them
     drawn = re.sub(r'<g id="[^"]*">', "<g>", drawn)
     for color, variable in _VARIABLES.items():
-        drawn = drawn.replace(color, variable)
+        drawn = drawn.replace(color, f"var(--{variable})")
     return escape_unprintable(drawn, keep=SPACES)
 
 

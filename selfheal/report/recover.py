@@ -27,6 +27,7 @@ from .picture import (
     WIDTH,
     draw_paths,
     embed_figure,
+    make_plot,
     use_page_style,
 )
 
@@ -81,8 +82,11 @@ def _format_meters(way: float | None) -> str:
 
 def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Phase]]:
     """Title and phase of each run of the robot."""
-    titles = {"original": "whole", "failure": "broken, the same controller",
-              "hardware": "broken, evolved on it"}  # fmt: skip
+    titles = {
+        "original": "whole",
+        "failure": "broken, the same controller",
+        "hardware": "broken, evolved on it",
+    }
     for name, phase in run.phases.items():
         if "path" in phase:
             kind, _, turn = name.partition("-")
@@ -91,10 +95,8 @@ def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Phase]]:
 
 def _make_fitness_section(run: RecoverRun) -> Section:
     """Best fitness over the generations of all controller searches, and the trials."""
-    from matplotlib.figure import Figure
-
-    fig = Figure(figsize=(WIDTH, 3.2))
-    ax = fig.add_axes((0.07, 0.16, 0.9, 0.78))
+    box = (0.07, 0.16, 0.9, 0.78)
+    fig, ax = make_plot(3.2, box, "generation", "forward displacement [m]")
     at, broke = 0, 0
     for name, phase in run.phases.items():
         if "pool" in phase:
@@ -107,12 +109,13 @@ def _make_fitness_section(run: RecoverRun) -> Section:
         if "way" in phase:
             ax.plot(at + 0.5, phase["way"], "o", color=INK, ms=5)
     ax.axvline(broke + 0.5, color=MUTED, lw=0.9, ls=(0, (4, 3)))
-    for color, label in ((BLUE, "simulated, whole"), (GREEN, "simulated, as believed"),
-                         (ORANGE, "on the broken robot")):  # fmt: skip
+    for color, label in (
+        (BLUE, "simulated, whole"),
+        (GREEN, "simulated, as believed"),
+        (ORANGE, "on the broken robot"),
+    ):
         ax.plot([], [], color=color, label=label)
     ax.plot([], [], "o", color=INK, ms=5, label="the robot itself")
-    ax.set_xlabel("generation")
-    ax.set_ylabel("forward displacement [m]")
     ax.legend()
     ax.grid(True)
     caption = (

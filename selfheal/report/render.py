@@ -98,15 +98,21 @@ def _run_renderer(scenes: Sequence[Scene], backend: str) -> list[np.ndarray] | N
     with tempfile.TemporaryDirectory() as folder:
         for k, scene in enumerate(scenes):
             mujoco.mj_saveModel(scene.model, f"{folder}/model_{k}.mjb")
-            np.savez(f"{folder}/scene_{k}.npz", size=np.array(scene.size),
-                     poses=scene.poses, **scene.more)  # type: ignore[arg-type]  # fmt: skip
+            arrays = {"size": np.array(scene.size), "poses": scene.poses, **scene.more}
+            np.savez(f"{folder}/scene_{k}.npz", **arrays)  # type: ignore[arg-type]
         script = str(Path(__file__).with_name("_gl.py"))
         # -P: names of this folder's files would hide those of packages
         command = [sys.executable, "-P", script, folder]
         environment = os.environ | {"MUJOCO_GL": backend}
         try:
-            done = subprocess.run(command, env=environment, cwd=folder,
-                                  capture_output=True, timeout=_LONGEST)  # fmt: skip
+            done = subprocess.run(
+                command,
+                check=False,
+                env=environment,
+                cwd=folder,
+                capture_output=True,
+                timeout=_LONGEST,
+            )
             shown = [np.load(f"{folder}/pictures_{k}.npy") for k in range(len(scenes))]
         except (OSError, subprocess.TimeoutExpired):
             return None
@@ -127,11 +133,14 @@ def render_lanes(
         (L, F, height, width, 3) uint8 of L lanes and F rows; None where nothing can
         render.
     """
-    points = np.concatenate([
+    skeletons = [
         pose_skeleton(lane.body, lane.position[k], lane.orientation[k], lane.angles[k])
-        for lane in lanes for k in rows
-    ])  # fmt: skip
-    view = find_view(points.reshape(-1, 3), heading, _ELEVATION, _FLATTEST, _STEEPEST)
+        for lane in lanes
+        for k in rows
+    ]
+    view = find_view(
+        np.reshape(skeletons, (-1, 3)), heading, _ELEVATION, _FLATTEST, _STEEPEST
+    )
     size = round(_WIDTH * view.aspect), _WIDTH
     scenes = []
     for lane in lanes:
@@ -189,11 +198,10 @@ def furnish(spec: "MjSpec", view: View, size: tuple[int, int]) -> None:
     from ._gl import CAMERA
 
     if not any(t.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX for t in spec.textures):
-        spec.add_texture(
-            name=f"{CAMERA} sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=16,
-            height=96, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT, rgb1=[1, 1, 1],
-            rgb2=[1, 1, 1],
-        )  # fmt: skip
+        sky = spec.add_texture(name=f"{CAMERA} sky", width=16, height=96)
+        sky.type = mujoco.mjtTexture.mjTEXTURE_SKYBOX
+        sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
+        sky.rgb1 = sky.rgb2 = [1, 1, 1]
     bright = 0.35 if spec.lights else 0.6
     spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [bright] * 3
     spec.visual.headlight.specular = [0.05] * 3
@@ -243,8 +251,8 @@ def _paint_body(spec: "MjSpec", lane: Lane) -> None:
         for geom in spec.body(part).geoms:
             geom.rgba = to_rgba(lane.color)
     for hip in body.anchor[0][body.parent[0] == 0]:
-        torso.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.006, 0, 0],
-                       fromto=[0, 0, 0, *hip], mass=0)  # fmt: skip
+        beam = torso.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=[0.006, 0, 0])
+        beam.fromto, beam.mass = [0, 0, 0, *hip], 0
     for geom in torso.geoms:
         geom.rgba = _TORSO
 
@@ -253,11 +261,10 @@ def _add_floor(spec: "MjSpec") -> None:
     """Squares below."""
     import mujoco
 
-    spec.add_texture(
-        name="squares", type=mujoco.mjtTexture.mjTEXTURE_2D, width=256, height=256,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.93, 0.94, 0.95], rgb2=[0.84, 0.86, 0.88],
-    )  # fmt: skip
+    squares = spec.add_texture(name="squares", width=256, height=256)
+    squares.type = mujoco.mjtTexture.mjTEXTURE_2D
+    squares.builtin = mujoco.mjtBuiltin.mjBUILTIN_CHECKER
+    squares.rgb1, squares.rgb2 = [0.93, 0.94, 0.95], [0.84, 0.86, 0.88]
     textures = [""] * mujoco.mjtTextureRole.mjNTEXROLE
     textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "squares"
     # a plane shows half of a repeat, one square, in a unit of this

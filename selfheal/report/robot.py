@@ -3,7 +3,7 @@
 import base64
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,12 +13,13 @@ from ..recording import read_spec
 from .film import encode_webp, join_strips
 from .marks import Mark, find_marks
 from .motion import embed_animation
-from .page import Html, Section, make_figure
+from .page import Html, Section, join_markup, make_figure
 from .picture import BLUE, COLORS, GREEN, MUTED, shorten_label
 from .render import Scene, View, find_view, furnish, render_scenes
 
 if TYPE_CHECKING:
     from mujoco import MjModel
+    from numpy.typing import ArrayLike
 
 _WIDTH = 480  # of each picture [px]; chosen: two of them fill the page
 _FLATTEST, _STEEPEST = 0.45, 1.0  # height of a picture by its width; chosen
@@ -117,7 +118,7 @@ def _size_picture(view: View) -> tuple[int, int]:
     return round(_WIDTH * view.aspect), _WIDTH
 
 
-def _paint_robot(model: "MjModel", color: Any) -> Floats:
+def _paint_robot(model: "MjModel", color: "ArrayLike") -> Floats:
     """Colors (ngeom, 4) in which all bodies have one and the world its own."""
     paint = np.full((model.ngeom, 4), np.nan)
     paint[model.body_weldid[model.geom_bodyid] > 0] = color
@@ -128,13 +129,15 @@ def _make_film_scenes(model: "MjModel", view: View, poses: PoseTrace) -> list[Sc
     """The model as given and the patched one, the measured robot over each."""
     from matplotlib.colors import to_rgba
 
-    ghost = _paint_robot(model, to_rgba(GREEN, _GHOST))
+    paint = _paint_robot(model, to_rgba(GREEN, _GHOST))
+    ghost = {"ghost": poses.measured, "ghost_paint": paint}
+    size, pairs = _size_picture(view), ((poses.given, MUTED), (poses.patched, BLUE))
     return [
-        Scene(model, _size_picture(view), predicted,
-              {"paint": _paint_robot(model, to_rgba(color)), "ghost": poses.measured,
-               "ghost_paint": ghost})
-        for predicted, color in ((poses.given, MUTED), (poses.patched, BLUE))
-    ]  # fmt: skip
+        Scene(
+            model, size, predicted, ghost | {"paint": _paint_robot(model, to_rgba(c))}
+        )
+        for predicted, c in pairs
+    ]
 
 
 def _make_picture_scene(
@@ -183,9 +186,12 @@ def _embed_film(poses: PoseTrace, shown: np.ndarray, is_named: bool) -> Html:
 
 
 def _embed_picture(
-    shown: np.ndarray, view: View, poses: PoseTrace, marks: list[Mark],
+    shown: np.ndarray,
+    view: View,
+    poses: PoseTrace,
+    marks: list[Mark],
     elsewhere: list[str],
-) -> Html:  # fmt: skip
+) -> Html:
     """The picture of the robot, with lines from its lit places to their names.
 
     Args:
@@ -193,45 +199,44 @@ def _embed_picture(
         poses: of which the first measured ones are shown.
         elsewhere: findings that are nowhere on the robot.
     """
+    from PIL import Image
     from scipy.spatial.transform import Rotation
 
     pose = poses.measured[0, [mark.body - 1 for mark in marks]]
     turn = Rotation.from_quat(pose[:, 3:], scalar_first=True)
     points = pose[:, :3] + turn.apply([mark.point for mark in marks])
     at = _WIDTH * view.project(points)
-    colored = _color_marks(marks)
-    order = np.argsort(at[:, 1], kind="stable")
-    step, size = _LINE * _WIDTH, 0.7 * _LINE * _WIDTH
+    step, colored = _LINE * _WIDTH, _color_marks(marks)
     height = max(shown.shape[0], step * (len(marks) + 1))
-    lines: list[str] = []
+    lines: list[Html] = []
     top = step
-    for i in order:
-        mark, color = colored[i]
+    for i in np.argsort(at[:, 1], kind="stable"):
         y = max(top, float(at[i, 1]))
-        y = min(y, height - step * (len(order) - len(lines) - 0.5))
-        top, (x, end) = y + step, at[i]
-        lines.append(
-            f'<path d="M{x:.1f} {end:.1f}L{_WIDTH:.1f} {y:.1f}" stroke="{color}" '
-            f'stroke-width="1.5" fill="none"/><circle cx="{x:.1f}" cy="{end:.1f}" '
-            f'r="4" fill="{color}"/><text x="{_WIDTH + 6}" y="{y + size / 3:.1f}" '
-            f'font-size="{size:.1f}" fill="var(--ink)">{Html.escape(mark.name)}</text>'
-        )
+        y = min(y, height - step * (len(marks) - len(lines) - 0.5))
+        top = y + step
+        lines.append(_draw_mark(colored[i], at[i], y))
     caption = "What the findings are about, on the robot as measured."
     if elsewhere:
         caption += f" Not of one part: {', '.join(elsewhere)}."
-    return _frame_picture(shown, height, lines, caption)
-
-
-def _frame_picture(
-    shown: np.ndarray, height: float, lines: list[str], caption: str
-) -> Html:
-    """A picture with marks drawn over it and names beside it, inline."""
-    from PIL import Image
-
     still = base64.b64encode(encode_webp([Image.fromarray(shown)])).decode("ascii")
     picture = Html(
         '<svg role="img" aria-label="{}" viewBox="0 0 {} {:.0f}"><image width="{}" '
         'height="{}" href="data:image/webp;base64,{}"/>{}</svg>'
-    ).format(caption, 2 * _WIDTH, height, _WIDTH, shown.shape[0], Html(still),
-             Html("".join(lines)))  # fmt: skip
+    ).format(
+        *(caption, 2 * _WIDTH, height, _WIDTH, shown.shape[0]),
+        *(Html(still), join_markup(*lines)),
+    )
     return make_figure(picture, caption=caption)
+
+
+def _draw_mark(colored: tuple[Mark, str], end: Floats, y: float) -> Html:
+    """A mark's name at a height beside the picture, and a line to its place (2)."""
+    (mark, color), size = colored, 0.7 * _LINE * _WIDTH
+    return Html(
+        '<path d="M{:.1f} {:.1f}L{:.1f} {:.1f}" stroke="{}" stroke-width="1.5" '
+        'fill="none"/><circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/><text x="{}" '
+        'y="{:.1f}" font-size="{:.1f}" fill="var(--ink)">{}</text>'
+    ).format(
+        *(*end, _WIDTH, y, color, *end, color),
+        *(_WIDTH + 6, y + size / 3, size, mark.name),
+    )

@@ -1,12 +1,21 @@
 """Tables of a self-modeling run, and of a diagnosis: either in, markup out."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from math import floor, isfinite, log10
-from typing import Any
 
+import numpy as np
+
+from ..body.body import Bodies
 from ..body.genome import HINGE_NAMES
 from ..diagnosis.effects.nominal import is_unidentified, relative_bound
 from ..diagnosis.output.result import Candidate
+from ..diagnosis.output.schema import (
+    Document,
+    Finding,
+    Refit,
+    SignalShare,
+    StatedParameter,
+)
 from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 from .facts import (
@@ -23,6 +32,7 @@ from .page import (
     Html,
     join_markup,
     make_details,
+    make_note,
     make_paragraph,
     make_table,
     mark_text,
@@ -38,41 +48,33 @@ _DASH, _BREAK = "\N{EN DASH}", Html("<br>")
 
 def format_tree(run: Run) -> Html:
     """A row a part: its parent, where on it, how long, how sure, right or wrong."""
-    best = run.cycles[-1].genomes
-    head, align = ["#", "part", "hangs on", "at its side", "length [mm]"], "rlllr"
-    full = run.settings.space == "full"
-    if full:
-        head, align = [*head, "hinge"], align + "l"
-    head, align = [*head, "sureness"], align + "r"
+    best, numbers = run.cycles[-1].genomes, range(run.anatomy.size)
+    parents, lengths = best.parent[0].tolist(), best.length[0]
+    columns: dict[str, tuple[str, Iterable[object]]] = {
+        "#": ("r", (i + 1 for i in numbers)),
+        "part": ("l", run.anatomy.parts),
+        "hangs on": ("l", (name_part(run, parent) for parent in parents)),
+        "at its side": ("l", (SIDES[side] for side in best.side[0])),
+        "length [mm]": ("r", (f"{1000 * length:.0f}" for length in lengths)),
+    }
+    if run.settings.space == "full":
+        columns["hinge"] = "l", (HINGE_NAMES[hinge] for hinge in best.hinge[0])
+    columns["sureness"] = "r", map(format_percent, run.cycles[-1].sureness)
     if run.truth is not None:
-        head, align = [*head, "truth"], align + "l"
-    rows = []
-    for i, name in enumerate(run.anatomy.parts):
-        parent, side = int(best.parent[0, i]), SIDES[best.side[0, i]]
-        row: list[object] = [i + 1, name, name_part(run, parent), side]
-        row.append(f"{1000 * best.length[0, i]:.0f}")
-        row += [HINGE_NAMES[best.hinge[0, i]]] if full else []
-        row.append(format_percent(run.cycles[-1].sureness[i]))
-        row += [] if run.truth is None else [_judge_attachment(run, i)]
-        rows.append(row)
-    return make_table(head, rows, align)
+        columns["truth"] = "l", (_judge_attachment(run, run.truth, i) for i in numbers)
+    align, cells = zip(*columns.values(), strict=True)
+    return make_table(list(columns), zip(*cells, strict=True), "".join(align))
 
 
-def _judge_attachment(run: Run, i: int) -> Html:
+def _judge_attachment(run: Run, truth: Bodies, i: int) -> Html:
     """Whether a part's attachment is right, and what is true if it is not."""
-    assert run.truth is not None
-    best, truth = run.cycles[-1].genomes, run.truth
+    best = run.cycles[-1].genomes
     parent, side = int(truth.parent[0, i]), int(find_true_side(truth)[0, i])
     if best.parent[0, i] != parent:
-        name = name_part(run, parent)
-        return join_markup(
-            mark_text("wrong", "wrong"), f": truly on {name}, {SIDES[side]}"
-        )
-    if best.side[0, i] != side:
-        return join_markup(
-            mark_text("correct", "right"), f", but truly at its {SIDES[side]}"
-        )
-    return mark_text("correct", "right")
+        true = f": truly on {name_part(run, parent)}, {SIDES[side]}"
+        return join_markup(mark_text("wrong", "wrong"), true)
+    true = "" if best.side[0, i] == side else f", but truly at its {SIDES[side]}"
+    return join_markup(mark_text("correct", "right"), true)
 
 
 def format_simulations(run: Run) -> Html:
@@ -118,8 +120,8 @@ def format_reasons(run: Run) -> Html:
 
 def format_rivals(run: Run, found: list[Rival]) -> Html:
     """A row a rival, the best one first, and what the columns mean."""
-    head = ["rank", "loss", "extra an action", "what differs from the best one",
-            "away [cm]", "most apart [deg]"]  # fmt: skip
+    head = ["rank", "loss", "extra an action", "what differs from the best one"]
+    head += ["away [cm]", "most apart [deg]"]
     align = "rrrlrr"
     if run.truth is not None:
         head, align = [*head, "correct"], align + "r"
@@ -130,24 +132,22 @@ def format_rivals(run: Run, found: list[Rival]) -> Html:
     )
     if len(found) > _MOST_RIVALS:
         note = f"The first {_MOST_RIVALS}, the best one included. {note}"
-    return join_markup(
-        make_table(head, rows, align), make_paragraph(mark_text(note, "soft"))
-    )
+    return join_markup(make_table(head, rows, align), make_note(note))
 
 
 def _format_rival(run: Run, rival: Rival) -> list[object]:
     """A rival's row."""
     differs = "; ".join(rival.differs) or "nothing worth naming"
-    row: list[object] = [
+    correct = [] if rival.right is None else [f"{rival.right} of {run.anatomy.size}"]
+    return [
         rival.rank,
         format_number(rival.loss),
         format_number(rival.excess),
+        differs if rival.rank > 1 else mark_text("the best one", "soft"),
+        format_number(rival.away, 1),
+        format_number(rival.apart, 1),
+        *correct,
     ]
-    row.append(differs if rival.rank > 1 else mark_text("the best one", "soft"))
-    row += [format_number(rival.away, 1), format_number(rival.apart, 1)]
-    if rival.right is not None:
-        row.append(f"{rival.right} of {run.anatomy.size}")
-    return row
 
 
 def parse_number(value: object) -> float:
@@ -161,43 +161,34 @@ def format_short(value: object, digits: int = 3) -> str:
     return f"{known:.{digits}g}" if isfinite(known) else _DASH
 
 
-def format_quantity(stated: Mapping[str, Any]) -> str:
+def format_quantity(stated: Mapping[str, object]) -> str:
     """A value with its unit and interval, to the digits that the interval gives.
 
     Args:
-        stated: value, low, high and unit, as the document has them; a vector's are
-            lists, and its interval is left out.
+        stated: value, low, high and unit, as diagnosis.json has them; of a vector the
+            interval is left out.
     """
-    value, low, high = (stated.get(key) for key in ("value", "low", "high"))
+    numbers = [np.array(stated.get(k), float) for k in ("value", "low", "high")]
     unit = f" {stated.get('unit') or ''}".removesuffix(" 1").rstrip()
-    if isinstance(value, Sequence):
-        each = zip(value, low or value, high or value, strict=True)
-        written = [
-            _choose_digits(*map(parse_number, x))(parse_number(x[0])) for x in each
-        ]
+    if numbers[0].ndim:
+        each = np.stack(np.broadcast_arrays(*numbers), axis=-1).tolist()
+        written = [_choose_digits(*x)(x[0]) for x in each]
         return f"({', '.join(written)}){unit}"
-    value, low, high = map(parse_number, (value, low, high))
-    return _format_scalar(value, low, high, unit)
+    value, low, high = map(float, numbers)
+    write = _choose_digits(value, low, high)
+    is_known = isfinite(low) and isfinite(high)
+    interval = f" ({write(low)} to {write(high)})" if is_known else ""
+    return f"{write(value)}{unit}{interval}"
 
 
-def format_onset(finding: Mapping[str, Any]) -> str:
+def format_onset(finding: Finding) -> str:
     """When it set in, to the digits that the interval gives; empty if it always was."""
     onset = (finding.get("where") or {}).get("onset")
     if not onset:
         return ""
     numbers = [parse_number(onset.get(key)) for key in ("time", "low", "high")]
-    return (
-        f"since {_choose_digits(*numbers)(numbers[0])} s of episode {onset['episode']}"
-    )
-
-
-def _format_scalar(value: float, low: float, high: float, unit: str) -> str:
-    """A number with its unit and, where it is known, its interval."""
-    written = _choose_digits(value, low, high)
-    said = f"{written(value)}{unit}"
-    if not (isfinite(low) and isfinite(high)):
-        return said
-    return f"{said} ({written(low)} to {written(high)})"
+    time = _choose_digits(*numbers)(numbers[0])
+    return f"since {time} s of episode {onset['episode']}"
 
 
 def _choose_digits(value: float, low: float, high: float) -> Callable[[float], str]:
@@ -209,13 +200,13 @@ def _choose_digits(value: float, low: float, high: float) -> Callable[[float], s
     return lambda x: format_number(x, places)
 
 
-def format_findings(document: Mapping[str, Any]) -> Html:
+def format_findings(document: Document) -> Html:
     """A row a finding: what, where, how much, and where it shows, largest first."""
     rows = [
         (
             found["effect"],
             found["target"],
-            _BREAK.join(map(_format_parameter, found["parameters"])),
+            _BREAK.join(map(format_parameter, found["parameters"])),
             format_growth(found),
             _BREAK.join(map(_format_signal, _list_signals(found))),
         )
@@ -225,29 +216,28 @@ def format_findings(document: Mapping[str, Any]) -> Html:
     return make_table((*head, "seen in (share of error)"), rows, "lllrl")
 
 
-def format_growth(finding: Mapping[str, Any]) -> str:
+def format_growth(finding: Finding) -> str:
     """How many times as large the held-out error is without a finding."""
     times = (finding.get("evidence") or {}).get("heldout_error_growth")
     return _DASH if times is None else f"{format_number(times, 2)} times"
 
 
-def _format_parameter(stated: Mapping[str, Any]) -> str:
+def format_parameter(stated: StatedParameter) -> str:
+    """Its name and value."""
     return f"{stated['name']} {format_quantity(stated)}"
 
 
-def _list_signals(found: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
+def _list_signals(found: Finding) -> Sequence[SignalShare]:
     """The signals that a finding shows in, at most three."""
-    return (found.get("where") or {}).get("signals", ())[:3]
+    return (found.get("where") or {}).get("signals", [])[:3]
 
 
-def _format_signal(signal: Mapping[str, Any]) -> str:
+def _format_signal(signal: SignalShare) -> str:
     share = format_percent(parse_number(signal.get("share_of_error")))
     return f"{signal['name']} ({share}, p {format_short(signal.get('p_value'), 2)})"
 
 
-def format_candidates(
-    chosen: Sequence[Candidate], found: Sequence[Mapping[str, Any]]
-) -> Html:
+def format_candidates(chosen: Sequence[Candidate], found: Sequence[Finding]) -> Html:
     """A row a candidate, with the evidence of those that earned a name."""
     left = list(found)
     rivals = {name for f in found for name in f.get("equivalent", ())}
@@ -261,12 +251,11 @@ def format_candidates(
     for f in left:
         candidate = Candidate(f["effect"], f["target"], float("nan"), True)
         rows.append(_format_candidate(_DASH, candidate, [f], rivals))
-    head = ("rank", "effect", "where", "error left", "gain [nats]", "p", "stability",
-            "")  # fmt: skip
-    return make_table(head, rows, "rllrrrrl")
+    head = ("rank", "effect", "where", "error left", "gain [nats]", "p", "stability")
+    return make_table((*head, ""), rows, "rllrrrrl")
 
 
-def _matches_finding(candidate: Candidate, finding: Mapping[str, Any]) -> bool:
+def _matches_finding(candidate: Candidate, finding: Finding) -> bool:
     """Whether a finding is that candidate, or one place of it."""
     places = candidate.target.split(", ")
     return finding["effect"] == candidate.effect and finding["target"] in places
@@ -275,7 +264,7 @@ def _matches_finding(candidate: Candidate, finding: Mapping[str, Any]) -> bool:
 def _format_candidate(
     rank: object,
     candidate: Candidate,
-    own: Sequence[Mapping[str, Any]],
+    own: Sequence[Finding],
     rivals: Collection[str],
 ) -> list[object]:
     """A candidate's row."""
@@ -295,7 +284,7 @@ def _format_candidate(
     ]
 
 
-def format_refit(stated: Sequence[Mapping[str, Any]]) -> Html:
+def format_refit(stated: Sequence[Refit]) -> Html:
     """A row a parameter that the model states, those at a bound first."""
     ordered = sorted(stated, key=lambda entry: not is_at_bound(entry))
     rows = [_format_refit_row(entry) for entry in ordered]
@@ -308,26 +297,29 @@ def format_refit(stated: Sequence[Mapping[str, Any]]) -> Html:
     return join_markup(shown, make_details(f"{len(rows) - first} more", more))
 
 
-def _format_refit_row(entry: Mapping[str, Any]) -> list[object]:
+def _format_refit_row(entry: Refit) -> list[object]:
     """A parameter's row."""
-    change = _compute_change(entry)
+    change, note = _compute_change(entry), Html("")
+    if is_at_bound(entry):
+        note = mark_text("at its bound", "wrong")
+    elif is_unidentified(entry):
+        note = mark_text("not pinned down", "soft")
     return [
         entry["parameter"],
         format_short(entry.get("given")),
         format_quantity(entry),
         f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
-        mark_text("at its bound", "wrong") if is_at_bound(entry)
-        else mark_text("not pinned down", "soft") if is_unidentified(entry) else "",
-    ]  # fmt: skip
+        note,
+    ]
 
 
-def _compute_change(entry: Mapping[str, Any]) -> float:
+def _compute_change(entry: Refit) -> float:
     """Change of a re-fitted value, relative to the given one; NaN if there is none."""
     given, value = parse_number(entry.get("given")), parse_number(entry.get("value"))
     return value / given - 1 if given else float("nan")
 
 
-def is_at_bound(entry: Mapping[str, Any]) -> bool:
+def is_at_bound(entry: Refit) -> bool:
     """Whether a re-fitted value went as far as a careful user would let it."""
     return abs(_compute_change(entry)) >= (1 - _AT_BOUND) * relative_bound(
         entry["parameter"]

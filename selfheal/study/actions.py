@@ -1,10 +1,10 @@
 """Study `actions`: with few actions, does it pay to choose them, and by which score?"""
 
 from collections.abc import Sequence
-from statistics import median
 
 from ..errors import InputError
 from .calibration import make_reliability_picture
+from .columns import average, count_runs, share, tabulate, take_median_seconds
 from .methods import (
     METHODS,
     OURS,
@@ -22,14 +22,13 @@ from .plan import (
     StudyRequest,
     Table,
     Task,
+    make_task,
 )
-from .statistics import format_mean_std, format_share
 from .trees import (
     REAL,
     ROBOT_LABELS,
     TreeOutcome,
     TreeSettings,
-    extract_column,
     list_statements,
     make_attachment_table,
     make_correlation_table,
@@ -45,11 +44,12 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
         raise InputError(
             "study 'actions' asks the robot of 2006; give --recordings FOLDER"
         )
+    given = {"robot": REAL, "recordings": str(request.recordings)}
     return [
-        Task(f"{method} {seed}", {"robot": REAL, "method": method, "seed": seed,
-                                  "recordings": str(request.recordings)})
-        for seed in request.seeds for method in _METHODS
-    ]  # fmt: skip
+        make_task({"method": method, "seed": seed}, **given)
+        for seed in request.seeds
+        for method in _METHODS
+    ]
 
 
 def _run_task(settings: RunSettings) -> Outcome:
@@ -58,18 +58,6 @@ def _run_task(settings: RunSettings) -> Outcome:
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
     found = group_by_method(records)
-    rows = [
-        (
-            METHODS[method],
-            f"{len(rs):,}",
-            format_mean_std(extract_column(rs, "evaluations"), 0),
-            format_share(sum(extract_column(rs, "success")), len(rs)),
-            format_mean_std(extract_column(rs, "error")),
-            format_mean_std(extract_column(rs, "edge_f1")),
-            f"{median(r['seconds'] for r in rs):.1f}",
-        )
-        for method, rs in found.items()
-    ]
     text = (
         f"{ROBOT_LABELS[REAL].capitalize()}, {CYCLES} actions, attachments looked for "
         "anywhere. Baseline 2 is the search of 2006 with random actions: it, the 2006 "
@@ -79,15 +67,21 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
         "simulations of the search, without those for choosing actions. Seconds: "
         "median of a run, on a core that others may have used too."
     )
-    head = ("method", "runs", "evaluations", "successes (95 %)",
-            "error [cm]", "edge F1", "seconds")  # fmt: skip
     ours = [record for m in OURS for record in found.get(m, ())]
+    named = [(METHODS[method], rs) for method, rs in found.items()]
+    columns = {
+        "runs": count_runs,
+        "evaluations": average("evaluations", 0),
+        "successes (95 %)": share("success"),
+        "error [cm]": average("error"),
+        "edge F1": average("edge_f1"),
+        "seconds": take_median_seconds,
+    }
+    title = f"Chosen against random actions, {CYCLES} of them"
     return [
-        Table(f"Chosen against random actions, {CYCLES} of them", text, head, rows),
+        tabulate(title, text, [((m,), rs) for m, rs in named], ["method"], columns),
         make_test_table("Tests", found),
-        make_correlation_table(
-            "Disagreement and error", [(METHODS[m], rs) for m, rs in found.items()]
-        ),
+        make_correlation_table("Disagreement and error", named),
         make_attachment_table("How sure, stated against true", list_statements(ours)),
     ]
 

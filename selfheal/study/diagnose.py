@@ -5,17 +5,27 @@ them; or, of a fleet of one model, a recording beside model.xml.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..api import diagnose
+from ..diagnosis.output.schema import Finding
 from ..errors import InputError
 from ..schema import Count, Number
-from .plan import Outcome, Record, RunSettings, Study, StudyRequest, Table, Task
+from .plan import (
+    JsonObject,
+    Outcome,
+    Record,
+    RunSettings,
+    Study,
+    StudyRequest,
+    Table,
+    Task,
+    make_task,
+)
 from .statistics import format_mean_std, format_share, run_homogeneity_test
 
 _COLUMNS = ("given", "refit", "patched", "explainable_removed")
@@ -96,12 +106,16 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     robots = list(_list_robots(request.cases))
     if not robots:
         raise InputError(f"{request.cases} has {GIVEN[0]} and no recording NAME.h5")
-    names = ("robot", "model", "recording", "out")
     return [
-        Task(f"{robot[0]} {seed}",
-             {**dict(zip(names, map(str, robot), strict=True)), "seed": seed})
-        for seed in request.seeds for robot in robots
-    ]  # fmt: skip
+        make_task(
+            {"robot": name, "seed": seed},
+            model=str(model),
+            recording=str(recording),
+            out=str(out),
+        )
+        for seed in request.seeds
+        for name, model, recording, out in robots
+    ]
 
 
 def _run_task(settings: RunSettings) -> Outcome:
@@ -113,19 +127,17 @@ def _run_task(settings: RunSettings) -> Outcome:
     return {
         "verdict": document["verdict"],
         "findings": [_shorten_finding(finding) for finding in document["findings"]],
-        "fit": {k: document["fit"][k] for k in _COLUMNS},
+        "fit": {k: document["fit"].get(k) for k in _COLUMNS},
     }
 
 
-def _shorten_finding(finding: Mapping[str, Any]) -> dict[str, Any]:
+def _shorten_finding(finding: Finding) -> JsonObject:
     """Effect, target, and the first parameter that is a number."""
-    scalar = (p for p in finding["parameters"] if not isinstance(p["value"], list))
-    first = next(scalar, {"name": "", "unit": ""})
-    return {
-        "effect": finding["effect"],
-        "target": finding["target"],
-        **{k: first.get(k) for k in ("name", "value", "low", "high", "unit")},
-    }
+    scalars = [p for p in finding["parameters"] if not isinstance(p["value"], list)]
+    first: JsonObject = dict(scalars[0]) if scalars else {"name": "", "unit": ""}
+    keys = ("name", "value", "low", "high", "unit")
+    target = {"effect": finding["effect"], "target": finding["target"]}
+    return target | {key: first.get(key) for key in keys}
 
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
@@ -153,7 +165,7 @@ def _compare_robots(records: Sequence[Record]) -> Table:
 def _list_findings(records: Sequence[Record]) -> Table:
     """A row an effect at a place: in which robots, and whether its values differ."""
     robots = list(dict.fromkeys(_name(record) for record in records))
-    found: dict[tuple[str, str], dict[str, Mapping[str, Any]]] = {}
+    found: dict[tuple[str, str], dict[str, JsonObject]] = {}
     for record in records:
         for f in record["outcome"]["findings"]:
             found.setdefault((f["effect"], f["target"]), {})[_name(record)] = f
@@ -165,11 +177,9 @@ def _list_findings(records: Sequence[Record]) -> Table:
         few = "only " if len(by_robot) <= len(without) else "all but "
         differing = list(by_robot) if len(by_robot) <= len(without) else without
         values = list(by_robot.values())
-        rows.append((
-            effect, target, f"{len(by_robot)}/{len(robots)}",
-            f"{few}{_shorten_list(differing)}" if differing else "all",
-            *_compare_values(values),
-        ))  # fmt: skip
+        which = f"{few}{_shorten_list(differing)}" if differing else "all"
+        count = f"{len(by_robot)}/{len(robots)}"
+        rows.append((effect, target, count, which, *_compare_values(values)))
     head = ("effect", "where", "robots", "which", "values", "p of one value")
     return Table(
         "What differs among them",
@@ -180,7 +190,7 @@ def _list_findings(records: Sequence[Record]) -> Table:
     )
 
 
-def _compare_values(findings: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+def _compare_values(findings: Sequence[JsonObject]) -> tuple[str, str]:
     """The range of the values of one finding, and the p-value that they are one."""
     known = [f for f in findings if None not in (f["value"], f["low"], f["high"])]
     if not known:
@@ -221,7 +231,7 @@ def _name(record: Record) -> str:
     return f"{settings['robot']} {seed}" if seed else settings["robot"]
 
 
-def _describe_finding(finding: Mapping[str, Any]) -> str:
+def _describe_finding(finding: JsonObject) -> str:
     """An effect, its place and its value."""
     value = finding["value"]
     unit = f" {finding['unit']}".removesuffix(" 1")

@@ -12,7 +12,9 @@ from ..recovery.recover_run import RecoverSettings, is_damage_named
 from ..robot.scenarios import SCENARIOS, TABLE, draw_scenario
 from ..robot.simulated_legs import SimulatedLegs
 from ..schema import Count
+from .columns import Column, average, count_runs, tabulate
 from .plan import (
+    Boxes,
     Outcome,
     Picture,
     Record,
@@ -21,6 +23,7 @@ from .plan import (
     StudyRequest,
     Table,
     Task,
+    make_task,
     select_records,
 )
 from .statistics import format_mean_std, format_share
@@ -43,10 +46,11 @@ class _Outcome:
 
 def _list_tasks(request: StudyRequest) -> list[Task]:
     return [
-        Task(f"{robot} {number} {seed}",
-             {"robot": robot, "scenario": number, "seed": seed})
-        for seed in request.seeds for robot in LEGGED for number in TABLE
-    ]  # fmt: skip
+        make_task({"robot": robot, "scenario": number, "seed": seed})
+        for seed in request.seeds
+        for robot in LEGGED
+        for number in TABLE
+    ]
 
 
 def _run_task(settings: RunSettings) -> Outcome:
@@ -67,12 +71,43 @@ def _compute_recovered_share(record: Record) -> float:
     return (distance["healed"] or 0.0) / whole if whole else 0.0
 
 
+def _average_way(name: str) -> Column:
+    """Mean and standard deviation of a distance; 0 where it could not be measured."""
+    return lambda rs: format_mean_std(
+        [r["outcome"]["distance"][name] or 0.0 for r in rs]
+    )
+
+
+def _share_recovered(rs: Sequence[Record]) -> str:
+    """How many recovered."""
+    good = [_compute_recovered_share(r) >= RECOVERED_SHARE for r in rs]
+    return format_share(sum(good), len(rs))
+
+
+def _share_named(rs: Sequence[Record]) -> str:
+    """How many named the damage, of those that could."""
+    named = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
+    return format_share(sum(named), len(named)) if named else ""
+
+
+_COLUMNS = {
+    "runs": count_runs,
+    "whole [m]": _average_way("intact"),
+    "broken [m]": _average_way("damaged"),
+    "recovered [m]": _average_way("healed"),
+    "recovered (95 %)": _share_recovered,
+    "named (95 %)": _share_named,
+    "trials": average("actions", 1),
+}
+
+
 def _make_tables(records: Sequence[Record]) -> list[Table]:
-    rows = []
-    for robot in LEGGED:
-        for number in TABLE:
-            if rs := select_records(records, robot=robot, scenario=number):
-                rows.append((robot, f"{number}: {SCENARIOS[number]}", *_format_row(rs)))
+    groups = [
+        ((robot, f"{number}: {SCENARIOS[number]}"), rs)
+        for robot in LEGGED
+        for number in TABLE
+        if (rs := select_records(records, robot=robot, scenario=number))
+    ]
     shares = [_compute_recovered_share(r) for r in records]
     text = (
         "Ways after 1,000 steps by our method: whole, broken with the same controller, "
@@ -86,39 +121,17 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
             f" All: recovered / whole, median {np.median(shares):.2f}, 10th percentile "
             f"{np.percentile(shares, 10):.2f}."
         )
-    head = ("robot", "scenario", "runs", "whole [m]", "broken [m]", "recovered [m]",
-            "recovered (95 %)", "named (95 %)", "trials")  # fmt: skip
-    return [Table("Recoveries", text, head, rows)]
-
-
-def _format_row(rs: Sequence[Record]) -> tuple[str, ...]:
-    """The cells of one robot and scenario."""
-    distances = [
-        [r["outcome"]["distance"][k] or 0.0 for r in rs]
-        for k in ("intact", "damaged", "healed")
-    ]
-    named = [r["outcome"]["named"] for r in rs if r["outcome"]["named"] is not None]
-    return (
-        f"{len(rs):,}",
-        *(format_mean_std(each) for each in distances),
-        format_share(
-            sum(_compute_recovered_share(r) >= RECOVERED_SHARE for r in rs), len(rs)
-        ),
-        format_share(sum(named), len(named)) if named else "",
-        format_mean_std([r["outcome"]["actions"] for r in rs], 1),
-    )
+    return [tabulate("Recoveries", text, groups, ("robot", "scenario"), _COLUMNS)]
 
 
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
     series = {
-        robot: [
-            _compute_recovered_share(r) for r in select_records(records, robot=robot)
-        ]
+        robot: list(map(_compute_recovered_share, rs))
         for robot in LEGGED
+        if (rs := select_records(records, robot=robot))
     }
-    series = {name: values for name, values in series.items() if values}
     axis = "way recovered / way when whole"
-    return [Picture("How far again", "box", series, axis)] if series else []
+    return [Boxes("How far again", series, axis)] if series else []
 
 
 STUDY = Study(

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 from uuid import uuid4
 
 from ..errors import SelfhealError
@@ -42,19 +42,15 @@ def execute_tasks(
     # several studies may share a scheduler. Names of one family: the scheduler keeps
     # such tasks back until a worker is free, instead of sharing them out at once
     family = f"selfheal-{uuid4().hex[:8]}"
-    left, running = enumerate(tasks), dict[Any, Task]()
+    left, running = enumerate(tasks), dict[tuple[str, int], Task]()
     done = as_completed(with_results=True, raise_errors=False)
 
     def more(count: int) -> None:
         for number, task in islice(left, count):
             name = (family, number)
             running[name] = task
-            settings = dict(task.settings)
-            done.add(
-                client.submit(
-                    perform_task, study.run_task, task.key, settings, key=name
-                )
-            )
+            work = perform_task, study.run_task, task.key, dict(task.settings)
+            done.add(client.submit(*work, key=name))
 
     workers, asked = len(client.nthreads()), time.monotonic()
     more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers))
@@ -66,7 +62,7 @@ def execute_tasks(
         yield records, workers
 
 
-def _make_record(task: Task, result: Any) -> Record:
+def _make_record(task: Task, result: object) -> Record:
     """The record of a run that has ended one way or another.
 
     Args:
@@ -76,7 +72,7 @@ def _make_record(task: Task, result: Any) -> Record:
             since: it is lost when the worker dies that had sent the result.
     """
     if isinstance(result, dict):
-        return result
+        return cast(Record, result)
     if not isinstance(result, tuple):
         raise SelfhealError("the scheduler was lost; go on with the study by --resume")
     return {

@@ -4,9 +4,10 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 
 from ..selfmodel.run import Settings
-from .plan import Outcome, Picture, Record, RunSettings, Table, select_records
+from .columns import extract_column
+from .plan import Boxes, Outcome, Record, RunSettings, Table, select_records
 from .statistics import run_fisher_test, run_permutation_test
-from .trees import evaluate_identification, extract_column, open_study_robot
+from .trees import evaluate_identification, open_study_robot
 
 METHODS = {
     "random-batch": "baseline 1",
@@ -48,23 +49,25 @@ def group_by_method(
     return {method: rs for method, rs in found.items() if rs}
 
 
-def make_error_picture(title: str, found: Mapping[str, Sequence[Record]]) -> Picture:
+def make_error_picture(title: str, found: Mapping[str, Sequence[Record]]) -> Boxes:
     """A box of errors for each method."""
     series = {METHODS[m]: extract_column(rs, "error") for m, rs in found.items()}
-    return Picture(title, "box", series, "error [cm]")
+    return Boxes(title, series, "error [cm]")
 
 
 def make_test_table(title: str, found: Mapping[str, Sequence[Record]]) -> Table:
     """Each method against each."""
     rows = []
+    wins = {
+        m: (int(sum(extract_column(rs, "success"))), len(rs)) for m, rs in found.items()
+    }
+    errors = {m: extract_column(rs, "error") for m, rs in found.items()}
     for one, other in combinations(found, 2):
-        wins = [
-            (sum(extract_column(found[m], "success")), len(found[m]))
-            for m in (one, other)
-        ]
-        errors = [extract_column(found[m], "error") for m in (one, other)]
-        rows.append((METHODS[one], METHODS[other], f"{run_fisher_test(*wins):.2g}",
-                     f"{run_permutation_test(*errors):.2g}"))  # fmt: skip
+        p = (
+            run_fisher_test(wins[one], wins[other]),
+            run_permutation_test(errors[one], errors[other]),
+        )
+        rows.append((METHODS[one], METHODS[other], *(f"{each:.2g}" for each in p)))
     text = (
         "p of successes by Fisher's exact test, of errors by a permutation test of the "
         "means (of 9,999 draws: 0.0002 is the least it can say); both two-sided, none "

@@ -20,7 +20,7 @@ from ..report.picture import (
     use_page_style,
 )
 from .calibration import bin_statements
-from .plan import Picture, Table, find_study
+from .plan import Boxes, Picture, Reliability, Table, find_study
 from .store import Results
 
 if TYPE_CHECKING:
@@ -58,8 +58,8 @@ def make_study_page(results: Results, tables: Sequence[Table]) -> str:
         sections.append(Section("Runs that failed", (body,)))
     made = make_paragraph(describe_progress(results), " ", _describe_versions(results))
     sections.append(Section("How it was made", (made,)))
-    return make_page(f"Study: {results.study}", [*sections[:1], *drawn, *sections[1:]],
-                lead=study.about)  # fmt: skip
+    every = [*sections[:1], *drawn, *sections[1:]]
+    return make_page(f"Study: {results.study}", every, lead=study.about)
 
 
 def _format_table(shown: Table) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ def _draw_picture(picture: Picture) -> Section:
 
     fig = Figure(figsize=(WIDTH, 3.6), layout="constrained")
     ax = fig.add_subplot()
-    if picture.kind == "box":
+    if isinstance(picture, Boxes):
         _draw_boxes(ax, picture)
         caption = (
             "A box from the first to the third quartile with the median; whiskers "
@@ -113,19 +113,26 @@ def _draw_picture(picture: Picture) -> Section:
     return Section(picture.title, (embed_figure(fig, caption),))
 
 
-def _draw_boxes(ax: "Axes", picture: Picture) -> None:
+def _draw_boxes(ax: "Axes", picture: Boxes) -> None:
     """A box a series."""
     names = [shorten_label(name) for name in picture.series]
     shown: Sequence = [np.asarray(values, float) for values in picture.series.values()]
     ink = {"color": INK}
-    ax.boxplot(shown, tick_labels=names, orientation="horizontal", boxprops=ink,
-               whiskerprops=ink, capprops=ink, medianprops={"color": BLUE, "lw": 2},
-               flierprops={"marker": ".", "markeredgecolor": MUTED})  # fmt: skip
+    ax.boxplot(
+        shown,
+        tick_labels=names,
+        orientation="horizontal",
+        boxprops=ink,
+        whiskerprops=ink,
+        capprops=ink,
+        medianprops={"color": BLUE, "lw": 2},
+        flierprops={"marker": ".", "markeredgecolor": MUTED},
+    )
     ax.invert_yaxis()
     ax.set_xlabel(picture.axis)
 
 
-def _draw_reliability(ax: "Axes", picture: Picture) -> None:
+def _draw_reliability(ax: "Axes", picture: Reliability) -> None:
     """Stated against true."""
     ax.plot([0, 1], [0, 1], color=LINE, lw=1.2)
     for name, pairs in picture.series.items():
@@ -133,6 +140,6 @@ def _draw_reliability(ax: "Axes", picture: Picture) -> None:
         sizes = [10 + 90 * count / len(pairs) for count in counts]
         ax.plot(x, y, lw=0.8)
         ax.scatter(x, y, s=sizes, label=shorten_label(name))
-    ax.set_xlabel(picture.axis or "stated probability")
+    ax.set_xlabel("stated probability")
     ax.set_ylabel("share that is true")
     ax.legend()

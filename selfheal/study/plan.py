@@ -6,7 +6,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from typing_extensions import TypedDict
+
 from ..errors import UnknownNameError
+from ..schema import Count, Number
 
 # name -> the module that has it as STUDY; imported when it is asked for
 STUDIES = {
@@ -14,9 +17,29 @@ STUDIES = {
     for name in ("table3", "actions", "schema", "eea", "diagnose")
 }
 
-RunSettings = Mapping[str, Any]  # as JSON can hold them, by name
-Outcome = Mapping[str, Any]
-Record = Mapping[str, Any]
+JsonObject = Mapping[str, Any]  # of a study, whose schema checks it
+RunSettings = JsonObject
+Outcome = JsonObject
+
+
+class Record(TypedDict):
+    """What came of a run, as its study's file has it.
+
+    Attributes:
+        outcome: None where it failed.
+        error: "" where it did not.
+        seconds: that it took [s].
+        megabytes: peak of its process until then.
+        worker: name of that.
+    """
+
+    key: str
+    settings: dict[str, Any]
+    outcome: Any
+    error: str
+    seconds: Number
+    megabytes: Count
+    worker: str
 
 
 @dataclass(frozen=True)
@@ -71,22 +94,31 @@ class Table:
     rows: Sequence[Sequence[str]] = ()
 
 
+Pairs = Sequence[tuple[float, bool]]
+
+
 @dataclass(frozen=True)
-class Picture:
-    """Numbers to be drawn.
+class Boxes:
+    """Numbers to be drawn, a box a series.
 
     Attributes:
-        title: what it shows.
-        kind: "box" (a box a series) or "reliability" (stated against true).
-        series: label -> numbers; of "reliability" pairs of stated probability and
-            whether it came true.
         axis: what the numbers are, with their unit.
     """
 
     title: str
-    kind: str
-    series: Mapping[str, Sequence[Any]]
-    axis: str = ""
+    series: Mapping[str, Sequence[float]]
+    axis: str
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Stated probabilities to be drawn against whether they came true."""
+
+    title: str
+    series: Mapping[str, Pairs]
+
+
+Picture = Boxes | Reliability
 
 
 @dataclass(frozen=True)
@@ -111,8 +143,13 @@ class Study:
     make_tables: Callable[[Sequence[Record]], Sequence[Table]]
     make_pictures: Callable[[Sequence[Record]], Sequence[Picture]] = lambda records: ()
     inputs: tuple[str, ...] = ()
-    settings: Any = dict[str, Any]
-    find_outcome: Callable[[RunSettings], Any] = lambda settings: dict[str, Any]
+    settings: type = dict
+    find_outcome: Callable[[RunSettings], type] = lambda settings: dict
+
+
+def make_task(named: RunSettings, **other: str) -> Task:
+    """A task that the values of some of its settings name."""
+    return Task(" ".join(map(str, named.values())), {**named, **other})
 
 
 def select_records(records: Sequence[Record], **wanted: object) -> list[Record]:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,9 @@ from ..selfmodel.schema import (
     make_matrix_plan,
     simulate_channels,
 )
+from .columns import average, count_runs, extract_column, share, tabulate
 from .plan import (
+    Boxes,
     Outcome,
     Picture,
     Record,
@@ -33,10 +34,11 @@ from .plan import (
     StudyRequest,
     Table,
     Task,
+    make_task,
     select_records,
 )
-from .statistics import format_mean_std, format_share
-from .trees import HIDDEN, REAL, ROBOT_LABELS, extract_column
+from .statistics import format_mean_std
+from .trees import HIDDEN, REAL, ROBOT_LABELS
 
 # papers.md 1.3 and 2, C
 _TRUE = (0.125, 0.1875, 0.2083, 0.2188, 0.275, 0.3958, 0.4821, 0.5469)
@@ -81,11 +83,14 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     ]
     work.append(("matrix", "+".join(SENSOR_SETS[-1])))
     return [
-        Task(f"{robot} {what} {sensors} {seed}",
-             {"robot": robot, "what": what, "sensors": sensors, "seed": seed,
-              "recordings": str(request.recordings) if robot == REAL else ""})
-        for seed in request.seeds for what, sensors in work for robot in places
-    ]  # fmt: skip
+        make_task(
+            {"robot": robot, "what": what, "sensors": sensors, "seed": seed},
+            recordings=str(request.recordings) if robot == REAL else "",
+        )
+        for seed in request.seeds
+        for what, sensors in work
+        for robot in places
+    ]
 
 
 def _draw_poses(count: int, rng: np.random.Generator) -> Floats:
@@ -141,8 +146,9 @@ def _run_task(settings: RunSettings) -> Outcome:
         return _measure_lengths(best, truth) | {"evaluations": spent}
     poses = offers[: _POSES[what]]
     seen = np.array([ask(k) for k in range(len(poses))])
-    plan = (make_lengths_plan(known, sensors) if what == "lengths"
-            else make_matrix_plan(truth, sensors))  # fmt: skip
+    plan = make_lengths_plan(known, sensors)
+    if what == "matrix":
+        plan = make_matrix_plan(truth, sensors)
     *_, (best, error, spent) = estimate_models(truth, poses, seen, plan, rng)
     found = _measure_lengths(best, truth) | {"fit": error, "evaluations": spent}
     return found | _measure_tree(best, truth, seed) if what == "matrix" else found
@@ -160,7 +166,7 @@ def _measure_lengths(model: Genomes, truth: Bodies) -> dict[str, float]:
     }
 
 
-def _measure_tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, Any]:
+def _measure_tree(model: Genomes, truth: Bodies, seed: int) -> dict[str, float]:
     """How right a tree is, and how well it tells poses that it was not fitted to."""
     body = build_bodies(truth.anatomy, model)
     poses = _draw_poses(_NEW, np.random.default_rng([seed, 16]))
@@ -188,44 +194,58 @@ def _group_by_sensors(
 
 
 def _make_tables(records: Sequence[Record]) -> list[Table]:
-    tables = []
+    tables = list[Table]()
     for robot in (REAL, HIDDEN):
         for what, (title, text) in _WAYS.items():
-            found = _group_by_sensors(records, robot, what)
-            rows = [
-                (
-                    name,
-                    f"{len(rs):,}",
-                    format_mean_std(extract_column(rs, "evaluations"), 0),
-                    *(
-                        format_mean_std(extract_column(rs, k), 1)
-                        for k in ("part", "leg", "uneven")
-                    ),
-                )
-                for name, rs in found.items()
-            ]
-            if rows:
-                note = f"{text} {_LENGTHS}"
-                tables.append(
-                    Table(f"{title}, {ROBOT_LABELS[robot]}", note, _HEAD, rows)
-                )
+            if found := _group_by_sensors(records, robot, what):
+                title = f"{title}, {ROBOT_LABELS[robot]}"
+                groups = [((name,), rs) for name, rs in found.items()]
+                text = f"{text} {_LENGTHS}"
+                tables.append(tabulate(title, text, groups, ["sensors"], _COLUMNS))
         if matrix := select_records(records, robot=robot, what="matrix"):
-            tables.append(_make_matrix_table(robot, matrix))
+            title = f"The 8 x 4 matrix, {ROBOT_LABELS[robot]}"
+            row = [((), matrix)]
+            tables.append(tabulate(title, _MATRIX, row, (), _MATRIX_COLUMNS))
     return tables
 
 
-_HEAD = ("sensors", "runs", "evaluations", "part's error [mm]", "leg's error [mm]",
-         "legs uneven [mm]")  # fmt: skip
+_COLUMNS = {
+    "runs": count_runs,
+    "evaluations": average("evaluations", 0),
+    "part's error [mm]": average("part", 1),
+    "leg's error [mm]": average("leg", 1),
+    "legs uneven [mm]": average("uneven", 1),
+}
+_MATRIX_COLUMNS = {
+    "runs": count_runs,
+    "evaluations": average("evaluations", 0),
+    "every part on its true parent": share("success"),
+    "hips on the torso": share("hips"),
+    "edge F1": average("edge_f1"),
+    "foretold [%]": lambda rs: format_mean_std(
+        [100 * x for x in extract_column(rs, "foretold")], 0
+    ),
+    "median tilt gap [deg]": average("tilt_gap", 1),
+}
+_MATRIX = (
+    "300 models, 40 generations after each of 9 poses, all sensors; parent, side, "
+    "hinge and length of eight parts unknown. Straight knees never move: what "
+    "hinge a lower part has cannot be known. Foretold: tilts of 100 new poses "
+    f"within {_LEAST_TILT_GAP:g} degrees of the true body's, both by statics."
+)
 _WAYS = {
-    "lengths": ("Eight lengths, paper C",
-                "100 models, 10 generations after each of 4 poses of the hips, knees "
-                "straight."),
-    "ours": ("Eight lengths, ours",
-             "16 poses on the hidden robot, chosen among the 256 with every hip and "
-             "knee at an end of paper C's range, all ten of the hips alone on the real "
-             "one; lengths and zeros of servos by crowding and least squares that "
-             "weigh each pose by what servos and sensors miss by."),
-}  # fmt: skip
+    "lengths": (
+        "Eight lengths, paper C",
+        "100 models, 10 generations after each of 4 poses of the hips, knees straight.",
+    ),
+    "ours": (
+        "Eight lengths, ours",
+        "16 poses on the hidden robot, chosen among the 256 with every hip and knee at "
+        "an end of paper C's range, all ten of the hips alone on the real one; lengths "
+        "and zeros of servos by crowding and least squares that weigh each pose by "
+        "what servos and sensors miss by.",
+    ),
+}
 _LENGTHS = (
     "Lengths from 10 to 200 mm. Part's error: mean |length - true length|, the measure "
     "of the paper; leg's error: the same of upper and lower part together, which is "
@@ -235,40 +255,14 @@ _LENGTHS = (
 )
 
 
-def _make_matrix_table(robot: str, rs: Sequence[Record]) -> Table:
-    """The 8 x 4 matrix."""
-    count = len(rs)
-    text = (
-        "300 models, 40 generations after each of 9 poses, all sensors; parent, side, "
-        "hinge and length of eight parts unknown. Straight knees never move: what "
-        "hinge a lower part has cannot be known. Foretold: tilts of 100 new poses "
-        f"within {_LEAST_TILT_GAP:g} degrees of the true body's, both by statics."
-    )
-    row = (
-        f"{count:,}",
-        format_mean_std(extract_column(rs, "evaluations"), 0),
-        format_share(sum(extract_column(rs, "success")), count),
-        format_share(sum(extract_column(rs, "hips")), count),
-        format_mean_std(extract_column(rs, "edge_f1")),
-        format_mean_std([100 * x for x in extract_column(rs, "foretold")], 0),
-        format_mean_std(extract_column(rs, "tilt_gap"), 1),
-    )
-    head = ("runs", "evaluations", "every part on its true parent", "hips on the torso",
-            "edge F1", "foretold [%]", "median tilt gap [deg]")  # fmt: skip
-    return Table(f"The 8 x 4 matrix, {ROBOT_LABELS[robot]}", text, head, [row])
-
-
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
-    pictures = []
+    pictures = list[Picture]()
     for robot in (REAL, HIDDEN):
         for what, (title, _) in _WAYS.items():
             if found := _group_by_sensors(records, robot, what):
-                series = {
-                    name: extract_column(rs, "part") for name, rs in found.items()
-                }
-                axis = "mean error of a part [mm]"
-                title = f"{title}, {ROBOT_LABELS[robot]}"
-                pictures.append(Picture(title, "box", series, axis))
+                series = {n: extract_column(rs, "part") for n, rs in found.items()}
+                label, axis = ROBOT_LABELS[robot], "mean error of a part [mm]"
+                pictures.append(Boxes(f"{title}, {label}", series, axis))
     return pictures
 
 

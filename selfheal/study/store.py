@@ -10,39 +10,34 @@ becomes one file, in one step; reading takes in both.
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated
+
+from pydantic import AfterValidator
 
 from ..files import atomic_hdf5
-from ..schema import Count, Members, Number, open_members
-from .plan import Record, Study, Task, find_study
+from ..schema import Members, open_members
+from .plan import JsonObject, Record, Task, find_study
 
 FORMAT, VERSION = "selfheal-study", 1
 # rooms and data that an outcome depends on
-_ROOMS = ("recording", "body", "engine", "robot", "selfmodel", "gait", "recovery",
-          "diagnosis", "study", "models")  # fmt: skip
+_ROOMS = (
+    *("recording", "body", "engine", "robot", "selfmodel", "gait", "recovery"),
+    *("diagnosis", "study", "models"),
+)
 
 
-@dataclass(frozen=True)
-class KeptRecord:
-    """A record as a file has it; see `Results`."""
-
-    key: str
-    settings: dict[str, Any]
-    outcome: dict[str, Any] | None
-    error: str
-    seconds: Number
-    megabytes: Count
-    worker: str
-
-    def __post_init__(self) -> None:
-        """Refuse a run that neither ended well nor failed, or both."""
-        if (self.outcome is None) != bool(self.error):
-            raise ValueError("with both or neither of outcome and error")
+def _check_end(record: Record) -> Record:
+    """Refuse a run that neither ended well nor failed, or both."""
+    if not isinstance(record["outcome"], dict | None):
+        raise ValueError("with an outcome that is no object")
+    if (record["outcome"] is None) != bool(record["error"]):
+        raise ValueError("with both or neither of outcome and error")
+    return record
 
 
 @dataclass(frozen=True)
@@ -54,13 +49,11 @@ class Results:
         request: its settings, as JSON can hold them.
         code: digest of the program that it was begun with.
         tasks: all its runs.
-        records: of the runs done so far, key -> "settings", "outcome" (None where it
-            failed), "error" ("" where it did not), "seconds", "megabytes" (peak of the
-            process until then) and "worker".
+        records: of the runs done so far, by their keys.
     """
 
     study: str
-    request: dict[str, Any]
+    request: JsonObject
     code: str
     tasks: tuple[Task, ...]
     records: dict[str, Record]
@@ -101,7 +94,7 @@ def find_journal(path: Path) -> Path:
 
 
 def create_study(
-    path: Path, study: str, request: dict[str, Any], tasks: Sequence[Task]
+    path: Path, study: str, request: JsonObject, tasks: Sequence[Task]
 ) -> None:
     """Begin a study's file.
 
@@ -114,11 +107,8 @@ def create_study(
     _save_results(path, Results(study, request, digest_code(), tuple(tasks), {}))
 
 
-def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Results:
+def load_study(path: str | os.PathLike[str]) -> Results:
     """Read a study, the records of its journal included.
-
-    Args:
-        has_tables: whether settings and outcomes are checked for the study's tables.
 
     Raises:
         RunFileError: missing, held by another process, truncated, of another format or
@@ -140,9 +130,24 @@ def load_study(path: str | os.PathLike[str], *, has_tables: bool = False) -> Res
             place = Members(None, f"{journal}: a damaged journal")
             added = _parse_records(place, "line", lines)
             records |= {key: record for key, record in added.items() if key in known}
-        if has_tables:
-            _check_outcomes(file, find_study(name), records)
     return Results(name, request, code, tasks, records)
+
+
+def load_checked(path: str | os.PathLike[str]) -> Results:
+    """Read a study whose settings and outcomes fit its tables, as `load_study` does."""
+    results = load_study(path)
+    study = find_study(results.study)
+    members = Members(None, f"{os.fspath(path)}: a damaged study")
+    for key, record in results.records.items():
+        if record["outcome"] is not None:
+            kinds = {
+                "settings": study.settings,
+                "outcome": study.find_outcome(record["settings"]),
+            }
+            for name, kind in kinds.items():
+                text = json.dumps(record[name])  # type: ignore[literal-required]
+                members.parse(f"run {key!r}, {name}", text, kind)
+    return results
 
 
 def _read_tasks(file: Members) -> tuple[Task, ...]:
@@ -162,25 +167,11 @@ def _parse_records(
     members: Members, what: str, texts: Sequence[str | bytes]
 ) -> dict[str, Record]:
     """The records of JSON texts by their keys; of two with one key the last."""
-    records = {}
-    for k, text in enumerate(texts):
-        members.parse(f"{what} {k + 1}", text, KeptRecord)
-        record = json.loads(text)
-        records[record["key"]] = record
-    return records
-
-
-def _check_outcomes(
-    members: Members, study: Study, records: Mapping[str, Record]
-) -> None:
-    """Refuse what a study's tables could not read."""
-    for key, record in records.items():
-        settings, outcome = record["settings"], record["outcome"]
-        if outcome is not None:
-            place, kind = f"run {key!r}", study.find_outcome
-            members.parse(f"{place}, settings", json.dumps(settings), study.settings)
-            text = json.dumps(outcome)
-            members.parse(f"{place}, outcome", text, kind(settings))
+    kind = Annotated[Record, AfterValidator(_check_end)]
+    records = [
+        members.parse(f"{what} {k}", text, kind) for k, text in enumerate(texts, 1)
+    ]
+    return {record["key"]: record for record in records}
 
 
 def _save_results(path: Path, results: Results) -> None:

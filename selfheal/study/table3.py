@@ -3,16 +3,18 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from statistics import median
 from typing import Literal
 
 import numpy as np
 
 from .after_damage import CYCLES, DamageOutcome, run_after_damage
-from .calibration import (
-    Pairs,
-    compute_brier_score,
-    make_reliability_picture,
+from .calibration import compute_brier_score, make_reliability_picture
+from .columns import (
+    average,
+    count_runs,
+    share,
+    tabulate,
+    take_median_seconds,
 )
 from .methods import (
     METHODS,
@@ -24,6 +26,7 @@ from .methods import (
 )
 from .plan import (
     Outcome,
+    Pairs,
     Picture,
     Record,
     RunSettings,
@@ -31,16 +34,16 @@ from .plan import (
     StudyRequest,
     Table,
     Task,
+    make_task,
     select_records,
 )
-from .statistics import format_mean_std, format_share
+from .statistics import format_share
 from .trees import (
     HIDDEN,
     REAL,
     ROBOT_LABELS,
     TreeOutcome,
     TreeSettings,
-    extract_column,
     list_statements,
     make_attachment_table,
     make_correlation_table,
@@ -66,12 +69,15 @@ def _list_tasks(request: StudyRequest) -> list[Task]:
     real = [] if request.recordings is None else [REAL]
     folder = str(request.recordings or "")
     return [
-        Task(f"{robot} {phase} {method} {seed}",
-             {"robot": robot, "phase": phase, "method": method, "seed": seed,
-              "recordings": folder if robot == REAL else ""})
-        for robot in (*real, HIDDEN) for seed in request.seeds
-        for phase in _PHASES for method in METHODS
-    ]  # fmt: skip
+        make_task(
+            {"robot": robot, "phase": phase, "method": method, "seed": seed},
+            recordings=folder if robot == REAL else "",
+        )
+        for robot in (*real, HIDDEN)
+        for seed in request.seeds
+        for phase in _PHASES
+        for method in METHODS
+    ]
 
 
 def _run_task(settings: RunSettings) -> Outcome:
@@ -101,40 +107,48 @@ def _group_runs(
             yield robot, phase, found
 
 
-def _make_results_table(robot: str, phase: str, found: Mapping[str, list]) -> Table:
+_SUCCESS = {
+    "before": "every part on its true parent",
+    "after": "the part that is said to have changed most is the right lower leg (2006 "
+    "has no such figure)",
+}
+_ERROR = {
+    "before": "mean distance of the parts' centers from the true ones",
+    "after": "mean difference of the parts' lengths from the true ones; the true right "
+    "lower leg is taken as a tenth (papers.md 1.3). Ours looks for one changed part in "
+    "thirteen sizes, the true one among them; the 2006 search for eight sizes at once",
+}
+
+
+def _make_results_table(
+    robot: str, phase: str, found: Mapping[str, Sequence[Record]]
+) -> Table:
     """Table 3's rows, a method a row."""
-    rows = []
-    for method, rs in found.items():
-        paper, errors = _2006.get(method, (0, ("", "")))
-        lucky = f"{paper}/30" if paper and phase == "before" else ""
-        rows.append(
-            (METHODS[method], f"{len(rs):,}", f"{len(rs[0]['outcome']['actions'])}",
-             format_mean_std(extract_column(rs, "evaluations"), 0),
-             format_share(sum(extract_column(rs, "success")), len(rs)), lucky,
-             format_mean_std(extract_column(rs, "error")), errors[_PHASES.index(phase)],
-             f"{median(r['seconds'] for r in rs):.1f}")
-        )  # fmt: skip
-    success, error = {
-        "before": ("every part on its true parent",
-                   "mean distance of the parts' centers from the true ones"),
-        "after": ("the part that is said to have changed most is the right lower leg "
-                  "(2006 has no such figure)",
-                  "mean difference of the parts' lengths from the true ones; the true "
-                  "right lower leg is taken as a tenth (papers.md 1.3). Ours looks for "
-                  "one changed part in thirteen sizes, the true one among them; the "
-                  "2006 search for eight sizes at once"),
-    }[phase]  # fmt: skip
     text = (
-        f"{ROBOT_LABELS[robot].capitalize()}. Success: {success}. Error: {error}. "
+        f"{ROBOT_LABELS[robot].capitalize()}. Success: {_SUCCESS[phase]}. "
+        f"Error: {_ERROR[phase]}. "
         "Evaluations are simulations of the search, without those for choosing "
         "actions. 2006: its own robot, another simulator. Seconds: median of a run, on "
         "one core."
     )
-    head = ("method", "runs", "actions", "evaluations", "successes (95 %)", "2006",
-            "error [cm]", "2006 [cm]", "seconds")  # fmt: skip
-    return Table(
-        f"{phase.capitalize()} damage, {ROBOT_LABELS[robot]}", text, head, rows
-    )
+    at = _PHASES.index(phase)
+
+    def find_paper(rs: Sequence[Record]) -> tuple[int, tuple[str, str]]:
+        return _2006.get(rs[0]["settings"]["method"], (0, ("", "")))
+
+    columns = {
+        "runs": count_runs,
+        "actions": lambda rs: f"{len(rs[0]['outcome']['actions'])}",
+        "evaluations": average("evaluations", 0),
+        "successes (95 %)": share("success"),
+        "2006": lambda rs: f"{n}/30" if (n := find_paper(rs)[0]) and not at else "",
+        "error [cm]": average("error"),
+        "2006 [cm]": lambda rs: find_paper(rs)[1][at],
+        "seconds": take_median_seconds,
+    }
+    title = f"{phase.capitalize()} damage, {ROBOT_LABELS[robot]}"
+    groups = [((METHODS[method],), rs) for method, rs in found.items()]
+    return tabulate(title, text, groups, ["method"], columns)
 
 
 def _make_correlation_tables(records: Sequence[Record]) -> list[Table]:
@@ -144,11 +158,8 @@ def _make_correlation_tables(records: Sequence[Record]) -> list[Table]:
         for robot in (REAL, HIDDEN)
         for method, rs in group_by_method(records, robot=robot, phase="before").items()
     ]
-    return (
-        [make_correlation_table("Disagreement and error, before damage", rows)]
-        if rows
-        else []
-    )
+    title = "Disagreement and error, before damage"
+    return [make_correlation_table(title, rows)] if rows else []
 
 
 def _list_tree_statements(records: Sequence[Record], robot: str) -> Pairs:
@@ -177,12 +188,18 @@ def _make_length_calibration(records: Sequence[Record]) -> list[Table]:
         short = [part for part in said if part[3] != 1.0]
         for kind, parts in (("all", said), ("the shortened one", short)):
             pairs = [(held, low <= true <= high) for low, high, held, true in parts]
-            if pairs:
-                stated, inside = np.mean(pairs, axis=0)
-                rows.append((ROBOT_LABELS[robot], METHODS[method], kind,
-                             f"{100 * stated:.1f} %",
-                             format_share(round(inside * len(pairs)), len(pairs)),
-                             f"{compute_brier_score(pairs):.4f}"))  # fmt: skip
+            if not pairs:
+                continue
+            stated, inside = np.mean(pairs, axis=0)
+            cells = {
+                "robot": ROBOT_LABELS[robot],
+                "method": METHODS[method],
+                "parts": kind,
+                "stated, mean": f"{100 * stated:.1f} %",
+                "true": format_share(round(inside * len(pairs)), len(pairs)),
+                "Brier score": f"{compute_brier_score(pairs):.4f}",
+            }
+            rows.append(list(cells.values()))
     text = (
         "The values of each part's length that hold 90 % of belief after 16 "
         "actions, or more where one value does (they are a grid), and how often "
@@ -190,13 +207,12 @@ def _make_length_calibration(records: Sequence[Record]) -> list[Table]:
         "stated can be true: any part is as likely beforehand, and where no action "
         "taken tells of it, belief stays with its being whole."
     )
-    head = ("robot", "method", "parts", "stated, mean", "true", "Brier score")
     title = "How sure of lengths, after damage"
-    return [Table(title, text, head, rows)] if rows else []
+    return [Table(title, text, list(cells), rows)] if rows else []
 
 
 def _make_pictures(records: Sequence[Record]) -> list[Picture]:
-    pictures = [
+    pictures: list[Picture] = [
         make_error_picture(f"Error {phase} damage, {ROBOT_LABELS[robot]}", found)
         for robot, phase, found in _group_runs(records)
     ]
@@ -204,10 +220,9 @@ def _make_pictures(records: Sequence[Record]) -> list[Picture]:
         ROBOT_LABELS[robot]: _list_tree_statements(records, robot)
         for robot in (REAL, HIDDEN)
     }
+    title = "Stated against true, attachments"
     if any(stated.values()):
-        pictures.append(
-            make_reliability_picture("Stated against true, attachments", stated)
-        )
+        pictures.append(make_reliability_picture(title, stated))
     return pictures
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field
 
@@ -18,8 +18,9 @@ from ..robot.open_robot import open_robot
 from ..schema import Count, Number
 from ..selfmodel.loop import identify_body
 from ..selfmodel.run import Run, Settings
-from .calibration import Pairs, make_reliability_table
-from .plan import Outcome, Record, RunSettings, Table
+from .calibration import make_reliability_table
+from .columns import extract_column
+from .plan import Outcome, Pairs, Record, RunSettings, Table
 from .statistics import format_pooled_correlation, format_rank_correlation
 
 REAL, HIDDEN = "starfish-2006", "starfish"
@@ -125,12 +126,6 @@ def make_attachment_table(title: str, statements: Pairs) -> Table:
         "attachment but part 1's, which cannot be wrong."
     )
     return make_reliability_table(title, text, statements)
-
-
-def extract_column(records: Sequence[Record], name: str) -> list[Any]:
-    """An outcome's entry of each run; of a list its last one."""
-    values = [record["outcome"][name] for record in records]
-    return [v[-1] if isinstance(v, list) else v for v in values]
 
 
 def make_correlation_table(

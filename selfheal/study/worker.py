@@ -5,8 +5,7 @@ import signal
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
 from distributed import Worker, WorkerPlugin, get_worker
 
@@ -41,11 +40,9 @@ class PinnedWorker(WorkerPlugin):
 
 
 def perform_task(
-    play: Callable[[Mapping[str, Any]], Outcome],
-    key: str,
-    settings: RunSettings,
+    play: Callable[[RunSettings], Outcome], key: str, settings: RunSettings
 ) -> Record:
-    """The record of one run (see `store.Results`); its error is part of it."""
+    """The record of one run; its error is part of it."""
     start, outcome, error = time.perf_counter(), None, ""
     try:
         outcome = play(settings)

@@ -4,14 +4,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError, UnknownNameError
 from ..extras import import_extra
 from ..machine import count_cores, list_cores
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster, SpecCluster
 
 # name -> class of dask_jobqueue
 CLUSTERS = {
@@ -20,9 +20,8 @@ CLUSTERS = {
     "sge": "SGECluster",
     "lsf": "LSFCluster",
 }
-_MEMORY = (
-    "2 GB"  # of a cluster's job, where its Dask configuration says nothing; chosen
-)
+# of a cluster's job, where its Dask configuration says nothing; chosen
+_MEMORY = "2 GB"
 _ANY_PORT = ":0"  # of Dask's own pages: several studies may run on a machine
 # Of one run: so many workers may die under it before it counts as failed. Chosen: many
 # die of other causes on a cluster, and a run that kills its worker must end some time.
@@ -99,7 +98,7 @@ def connect_workers(place: Workplace, logs: Path) -> Iterator["Client"]:
         yield client
 
 
-def _start_local(place: Workplace) -> Any:
+def _start_local(place: Workplace) -> "LocalCluster":
     """Worker processes on this machine."""
     import logging
 
@@ -114,7 +113,7 @@ def _start_local(place: Workplace) -> Any:
     )
 
 
-def _start_cluster(place: Workplace, logs: Path) -> Any:
+def _start_cluster(place: Workplace, logs: Path) -> "SpecCluster":
     """Jobs of a batch system, one worker on one core each; lost ones are replaced."""
     import dask
 
@@ -122,19 +121,21 @@ def _start_cluster(place: Workplace, logs: Path) -> Any:
 
     set_by_user = dask.config.get(f"jobqueue.{place.cluster}", {})
     wanted = {"cores": 1, "processes": 1, "memory": _MEMORY, "log_directory": str(logs)}
-    more: dict[str, Any] = {
+    more = {
         k: v for k, v in wanted.items() if set_by_user.get(k.replace("_", "-")) is None
     }
-    more["scheduler_options"] = {"dashboard_address": _ANY_PORT}
+    pages = {"dashboard_address": _ANY_PORT}
     try:
-        made = getattr(jobqueue, CLUSTERS[place.cluster])(**more)
+        made = getattr(jobqueue, CLUSTERS[place.cluster])(
+            scheduler_options=pages, **more
+        )
         made.adapt(minimum_jobs=place.workers, maximum_jobs=place.workers)
     except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise InputError(f"--cluster {place.cluster}: {error}") from error
     return made
 
 
-def _reach_scheduler(address: str) -> Any:
+def _reach_scheduler(address: str) -> "Client":
     """A client of a scheduler that is there already."""
     from distributed import Client
 

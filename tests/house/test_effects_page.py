@@ -124,7 +124,7 @@ def _write(folder, model, finding) -> None:
     [
         ({"target": "body:pole"}, "target is 'body:pole'; would fit: joint: and"),
         ({"parameters": []}, r"names of parameters is \[\]; would fit: torque"),
-        ({"parameters": [TORQUE | {"value": "much"}]}, "torque is 'much'; would fit"),
+        ({"parameters": [TORQUE | {"value": "much"}]}, "value is 'much'; would fit"),
     ],
 )
 def test_a_finding_of_the_example_is_checked(preload, change, said):

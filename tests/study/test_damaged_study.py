@@ -14,7 +14,7 @@ from selfheal import files
 from selfheal.errors import RunFileError
 from selfheal.study.page import format_markdown
 from selfheal.study.plan import Task, find_study
-from selfheal.study.store import create_study, load_study, open_journal
+from selfheal.study.store import create_study, load_checked, open_journal
 from tests.support.damaged.members import NEVER_FIT, find_faults, replace_member
 
 TREE = {"success": True, "error": [3.0, 2.0], "disagreement": [1.0, 0.5],
@@ -65,7 +65,7 @@ def in_this_process(monkeypatch):
 
 
 def _show_study(path: Path, member: str = "") -> None:
-    results = load_study(path, has_tables=True)
+    results = load_checked(path)
     tables = find_study(results.study).make_tables(results.finished)
     format_markdown(results, tables)
 

@@ -7,9 +7,9 @@ Fields and units are those of Isaac Lab 2.3 (isaaclab.actuators) and of mjlab 1.
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 from ...printable import make_printable
+from .actuators import Actuators, JointDrive
 
 _WIDTH = 88  # of a line
 _ABOUT = (
@@ -35,21 +35,29 @@ _MJLAB_HELP = (
 _STEP = "PHYSICS_DT = {timestep}  # [s] the physics time step of your simulation"
 # fields of a joint in Isaac Lab and in mjlab, by their names in actuators.yaml
 _ISAAC_FIELDS = {
-    "stiffness": "stiffness", "damping": "damping", "armature": "armature",
-    "static_friction": "friction", "dynamic_friction": "dynamic_friction",
+    "stiffness": "stiffness",
+    "damping": "damping",
+    "armature": "armature",
+    "static_friction": "friction",
+    "dynamic_friction": "dynamic_friction",
     "viscous_damping": "viscous_friction",
-}  # fmt: skip
-_MJLAB_FIELDS = {
-    "stiffness": "stiffness", "damping": "damping", "effort_limit": "effort_limit",
-    "armature": "armature", "frictionloss": "frictionloss",
-    "viscous_damping": "viscous_damping",
-}  # fmt: skip
-_MJLAB_CLASSES = {"position": "BuiltinPositionActuatorCfg",
-                  "velocity": "BuiltinVelocityActuatorCfg",
-                  "effort": "BuiltinMotorActuatorCfg"}  # fmt: skip
+}
+_MJLAB_FIELDS = (
+    "stiffness",
+    "damping",
+    "effort_limit",
+    "armature",
+    "frictionloss",
+    "viscous_damping",
+)
+_MJLAB_CLASSES = {
+    "position": "BuiltinPositionActuatorCfg",
+    "velocity": "BuiltinVelocityActuatorCfg",
+    "effort": "BuiltinMotorActuatorCfg",
+}
 
 
-def format_yaml(actuators: Mapping[str, Any]) -> str:
+def format_yaml(actuators: Actuators) -> str:
     """The text of actuators.yaml."""
     import yaml
 
@@ -59,34 +67,36 @@ def format_yaml(actuators: Mapping[str, Any]) -> str:
     return "\n".join([*head, body])
 
 
-def format_isaac_lab(actuators: Mapping[str, Any]) -> str:
+def format_isaac_lab(actuators: Actuators) -> str:
     """The text of actuators_isaaclab.py: groups of joints that have the same fields."""
     groups: dict[tuple[str, ...], list[str]] = {}
     fields = {n: _make_isaac_fields(j) for n, j in actuators["joints"].items()}
     for name, joint in actuators["joints"].items():
         delay = str(joint.get("delay", ""))  # one for each group
         groups.setdefault((delay, *fields[name]), []).append(name)
-    lines = ["from isaaclab.actuators import DelayedPDActuatorCfg, ImplicitActuatorCfg",
-             "", _STEP.format(**actuators), "", "ACTUATORS = {"]  # fmt: skip
+    code = [
+        "from isaaclab.actuators import DelayedPDActuatorCfg, ImplicitActuatorCfg\n",
+        f"{_STEP.format(**actuators)}\n\nACTUATORS = {{",
+    ]
     for number, ((delay, *own), names) in enumerate(groups.items()):
         kind = "DelayedPDActuatorCfg" if delay else "ImplicitActuatorCfg"
-        lines.append(f'    "group_{number}": {kind}(')
-        lines.append(f"        joint_names_expr={_escape(names)},")
+        lines = {"joint_names_expr": repr(_escape(names))}
         for field in own:
             values = {re.escape(n): fields[n][field] for n in names}
             same = len(set(values.values())) == 1
-            shown = next(iter(values.values())) if same else values
-            lines.append(f"        {field}={shown!r},")
-        lines += _format_delay(delay, "min_delay", "max_delay")
-        lines.append("    ),")
-    return _finish(actuators, _ISAAC_HELP, [*lines, "}"])
+            lines[field] = repr(next(iter(values.values())) if same else values)
+        lines |= _format_delay(delay, "min_delay", "max_delay")
+        code.append(f'    "group_{number}": {_format_call(kind, lines)}')
+    return _finish(actuators, _ISAAC_HELP, [*code, "}"])
 
 
-def _make_isaac_fields(joint: Mapping[str, Any]) -> dict[str, float]:
+def _make_isaac_fields(joint: JointDrive) -> dict[str, object]:
     """Fields of a joint as Isaac Lab names them; gains that it lacks are 0."""
-    dry = joint.get("frictionloss")
-    both = {} if dry is None else {"static_friction": dry, "dynamic_friction": dry}
-    values = {"stiffness": 0.0, "damping": 0.0, **both, **joint}
+    values: dict[str, object] = {"stiffness": 0.0, "damping": 0.0}
+    if "frictionloss" in joint:
+        for key in ("static_friction", "dynamic_friction"):
+            values[key] = joint["frictionloss"]
+    values |= joint
     fields = {new: values[k] for k, new in _ISAAC_FIELDS.items() if k in values}
     if "effort_limit" in joint:  # an explicit drive clips by itself
         name = "effort_limit" if "delay" in joint else "effort_limit_sim"
@@ -94,33 +104,29 @@ def _make_isaac_fields(joint: Mapping[str, Any]) -> dict[str, float]:
     return fields
 
 
-def format_mjlab(actuators: Mapping[str, Any]) -> str:
+def format_mjlab(actuators: Actuators) -> str:
     """The text of actuators_mjlab.py: groups of joints that have the same values."""
-    groups: dict[str, list[str]] = {}  # names of joints by what follows them
-    kinds, left = set(), []
+    groups: dict[tuple[str, tuple[tuple[str, str], ...]], list[str]] = {}
+    left = []
     for name, joint in actuators["joints"].items():
         control = joint.get("control")
-        has_limit = control != "effort" or "effort_limit" in joint
-        if not has_limit:
+        if control == "effort" and "effort_limit" not in joint:
             left.append(f"joint {name}: a motor of mjlab needs an effort_limit")
-        if control is None or not has_limit:
-            continue
-        kinds.add(kind := _MJLAB_CLASSES[control])
-        values = dict(joint)
-        if "dynamic_friction" in joint:  # MuJoCo has one dry friction
-            values["frictionloss"] = joint["dynamic_friction"]
-        lines = [f"        {new}={values[k]!r},"
-                 for k, new in _MJLAB_FIELDS.items() if k in values]  # fmt: skip
-        delay = str(joint.get("delay", ""))
-        lines += _format_delay(delay, "delay_min_lag", "delay_max_lag")
-        groups.setdefault("\n".join([kind, *lines]), []).append(name)
-    names = ", ".join(sorted(kinds))
-    code = [f"from mjlab.actuator import {names}", ""] if kinds else []
-    code += [_STEP.format(**actuators), "", "ACTUATORS = ("]
-    for text, joints in groups.items():
-        kind, _, rest = text.partition("\n")
-        code += [f"    {kind}(", f"        target_names_expr={tuple(_escape(joints))},"]
-        code += [rest, "    ),"]
+        elif control is not None:
+            values: dict[str, object] = {**joint}
+            if "dynamic_friction" in joint:  # MuJoCo has one dry friction
+                values["frictionloss"] = joint["dynamic_friction"]
+            fields = {k: repr(values[k]) for k in _MJLAB_FIELDS if k in values}
+            delay = str(joint.get("delay", ""))
+            fields |= _format_delay(delay, "delay_min_lag", "delay_max_lag")
+            key = _MJLAB_CLASSES[control], tuple(fields.items())
+            groups.setdefault(key, []).append(name)
+    kinds = ", ".join(sorted({kind for kind, _ in groups}))
+    code = [f"from mjlab.actuator import {kinds}\n"] if kinds else []
+    code.append(f"{_STEP.format(**actuators)}\n\nACTUATORS = (")
+    for (kind, pairs), joints in groups.items():
+        names = {"target_names_expr": repr(tuple(_escape(joints)))}
+        code.append(f"    {_format_call(kind, names | dict(pairs))}")
     return _finish(actuators, _MJLAB_HELP, [*code, ")"], left)
 
 
@@ -129,24 +135,25 @@ def _escape(names: Iterable[str]) -> list[str]:
     return [re.escape(name) for name in names]
 
 
-def _format_delay(delay: str, low: str, high: str) -> list[str]:
-    """Lines of the two fields of a delay, in time steps; none without one.
+def _format_call(kind: str, fields: Mapping[str, str]) -> str:
+    """The call of a class as an entry of a container, a field a line."""
+    lines = (f"        {field}={shown}," for field, shown in fields.items())
+    return "\n".join([f"{kind}(", *lines, "    ),"])
 
-    Args:
-        delay: as text [s].
-        low: name of the field of the least delay.
-    """
+
+def _format_delay(delay: str, low: str, high: str) -> dict[str, str]:
+    """The two fields of a delay [s], in time steps; none without one."""
     steps = f"round({delay} / PHYSICS_DT)"
-    return [f"        {field}={steps}," for field in (low, high)] if delay else []
+    return {low: steps, high: steps} if delay else {}
 
 
 def _finish(
-    actuators: Mapping[str, Any], use: str, code: list[str], left: Iterable[str] = ()
+    actuators: Actuators, use: str, code: list[str], left: Iterable[str] = ()
 ) -> str:
     """A Python file's text: how to use it, the code, what it leaves out."""
-    model = make_printable(actuators["model"])
-    about = [_ABOUT.format(model=model), use]
-    head = [line for text in about for line in ("#", *textwrap.wrap(text, _WIDTH - 2))]
-    comments = [f"# {line}".rstrip() if line != "#" else line for line in head[1:]]
+    about = [_ABOUT.format(model=make_printable(actuators["model"])), use]
+    head = ["\n".join(textwrap.wrap(text, _WIDTH - 2)) for text in about]
+    comments = textwrap.indent("\n\n".join(head), "# ", lambda line: True)
+    comments = comments.replace("# \n", "#\n")
     gone = [f"# left out: {make_printable(t)}" for t in (*actuators["left_out"], *left)]
-    return "\n".join([*comments, "", *code, *gone, ""])
+    return "\n".join([comments, "", *code, *gone, ""])

@@ -3,33 +3,65 @@
 Values are those of the patched model, at the joint: a gear is counted in.
 """
 
-from collections.abc import Collection, Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from typing_extensions import TypedDict
 
 from ...recording import find_joint, find_output
 from ...recording.actuator_laws import find_goal, find_speed_goal, has_affine_force
 from ..effects.limits import stated_limit
+from .schema import Document, Finding
 
 if TYPE_CHECKING:
     import mujoco
 
 # effects whose parameters are among the values of a joint
-_HELD = (
-    "armature", "command_delay", "coulomb_friction", "servo_gain", "stribeck_friction",
-    "torque_saturation", "viscous_friction",
-)  # fmt: skip
-_OF_DRIVES = ("joint", "actuator")  # targets of effects that belong to a joint's drive
+_HELD = {
+    "armature",
+    "command_delay",
+    "coulomb_friction",
+    "servo_gain",
+    "stribeck_friction",
+    "torque_saturation",
+    "viscous_friction",
+}
 _DIGITS = 9  # of a number in a model's text
 
 
+class JointDrive(TypedDict, total=False):
+    """What a model states of a joint and its drive, at the joint; nothing of zeros."""
+
+    armature: float
+    frictionloss: float
+    viscous_damping: float
+    actuator: str
+    control: str
+    stiffness: float
+    damping: float
+    delay: float
+    gear: float
+    effort_limit: float
+    static_friction: float
+    dynamic_friction: float
+    identified: list[str]
+
+
+class Actuators(TypedDict):
+    """The content of actuators.yaml."""
+
+    format: str
+    version: int
+    model: str
+    timestep: float
+    joints: dict[str, JointDrive]
+    left_out: list[str]
+
+
 def describe_actuators(
-    given: "mujoco.MjModel",
-    patched: "mujoco.MjModel",
-    document: Mapping[str, Any],
-    name: str,
-) -> dict[str, Any]:
+    given: "mujoco.MjModel", patched: "mujoco.MjModel", document: Document, name: str
+) -> Actuators:
     """The content of actuators.yaml.
 
     Args:
@@ -41,8 +73,7 @@ def describe_actuators(
     _add_stribeck(joints, document["findings"])
     joints = {name: values for name, values in joints.items() if values}
     for joint, values in joints.items():
-        new = [k for k, v in values.items() if v != before[joint].get(k)]
-        if new:
+        if new := [k for k, v in values.items() if v != before[joint].get(k)]:
             values["identified"] = new
     return {
         "format": "selfheal-actuators",
@@ -54,21 +85,17 @@ def describe_actuators(
     }
 
 
-def _list_joints(model: "mujoco.MjModel") -> list[str]:
-    """Names of the hinges and slides."""
+def describe_joints(model: "mujoco.MjModel") -> dict[str, JointDrive]:
+    """What a model states of its hinges and slides, by their names."""
     import mujoco
 
+    drives, joints = _find_drives(model), map(model.joint, range(model.njnt))
     kinds = [int(k) for k in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)]
-    names = [
-        model.joint(int(j)).name for j in np.flatnonzero(np.isin(model.jnt_type, kinds))
-    ]
-    return [name for name in names if name]
-
-
-def describe_joints(model: "mujoco.MjModel") -> dict[str, dict[str, Any]]:
-    """What a model states of its hinges and slides, by their names."""
-    drives = _find_drives(model)
-    return {n: _describe_joint(model, n, drives) for n in _list_joints(model)}
+    return {
+        joint.name: _describe_joint(model, joint.id, drives.get(joint.id, []))
+        for joint in joints
+        if joint.name and model.jnt_type[joint.id] in kinds
+    }
 
 
 def _find_drives(model: "mujoco.MjModel") -> dict[int, list[int]]:
@@ -80,66 +107,59 @@ def _find_drives(model: "mujoco.MjModel") -> dict[int, list[int]]:
     return found
 
 
-def _describe_joint(
-    model: "mujoco.MjModel", name: str, drives: Mapping[int, list[int]]
-) -> dict[str, Any]:
-    """What a model states of a joint; what is zero it does not state."""
-    j = model.joint(name).id
-    dof, own = int(model.jnt_dofadr[j]), drives.get(j, [])
-    gears = {a: float(model.actuator_gear[find_output(model, a), 0]) for a in own}
-    values = {
-        "armature": model.dof_armature[dof]
-        + sum(gears[a] ** 2 * model.actuator_armature[a] for a in own),
-        "frictionloss": model.dof_frictionloss[dof],
-        "viscous_damping": model.dof_damping[dof]
-        + sum(gears[a] ** 2 * model.actuator_damping[a] for a in own),
-    }
-    stated: dict[str, Any] = {k: _round(v) for k, v in values.items() if v}
+def _describe_joint(model: "mujoco.MjModel", j: int, own: Sequence[int]) -> JointDrive:
+    """What a model states of a joint with its own actuators."""
+    dof, stated = int(model.jnt_dofadr[j]), JointDrive()
+    gears = [float(model.actuator_gear[find_output(model, a), 0]) for a in own]
+    squares, drives = np.square(gears), list(own)
+    if armature := model.dof_armature[dof] + sum(
+        squares * model.actuator_armature[drives]
+    ):
+        stated["armature"] = _round(armature)
+    if friction := model.dof_frictionloss[dof]:
+        stated["frictionloss"] = _round(friction)
+    if damping := model.dof_damping[dof] + sum(
+        squares * model.actuator_damping[drives]
+    ):
+        stated["viscous_damping"] = _round(damping)
     if len(own) == 1:
-        stated |= _describe_drive(model, own[0], gears[own[0]])
-    drive = own[0] if own else None
-    if len(own) <= 1 and (effort := _find_effort_limit(model, j, drive)):
+        stated.update(_describe_drive(model, own[0], gears[0]))
+    if len(own) <= 1 and (effort := _find_effort_limit(model, j, own)):
         stated["effort_limit"] = effort
     return stated
 
 
-def _describe_drive(
-    model: "mujoco.MjModel", actuator: int, gear: float
-) -> dict[str, Any]:
+def _describe_drive(model: "mujoco.MjModel", actuator: int, gear: float) -> JointDrive:
     """The control law of an actuator; empty where it has no other name than its own."""
-    gain = float(model.actuator_gainprm[actuator, 0])
-    kv = -float(model.actuator_biasprm[actuator, 2])
-    law: dict[str, Any]
     if not has_affine_force(model, actuator) or model.actuator_dyntype[actuator]:
         return {}
+    law = JointDrive(actuator=model.actuator(actuator).name)
+    gain = float(model.actuator_gainprm[actuator, 0])
+    bias, scale = model.actuator_biasprm[actuator], gear
     if find_goal(model, actuator) >= 0:
-        law = {
-            "control": "position",
-            "stiffness": gain * gear**2,
-            "damping": kv * gear**2,
-        }
-        scale = gear
+        law["control"] = "position"
+        law["stiffness"] = _round(gain * gear**2)
+        law["damping"] = _round(-float(bias[2]) * gear**2)
     elif find_speed_goal(model, actuator) >= 0:
-        law, scale = {"control": "velocity", "damping": gain * gear**2}, gear
-    elif not model.actuator_biasprm[actuator].any():
-        law, scale = {"control": "effort"}, gain * gear
+        law["control"], law["damping"] = "velocity", _round(gain * gear**2)
+    elif not bias.any():
+        law["control"], scale = "effort", gain * gear
     else:
         return {}
-    law = {k: _round(v) if isinstance(v, float) else v for k, v in law.items()}
     if delay := _round(model.actuator_delay[actuator]):
         law["delay"] = delay
     # of a servo: command over the joint's goal; of a motor: effort over command
-    return {"actuator": model.actuator(actuator).name, **law} | (
-        {"gear": _round(scale)} if _round(scale) != 1 else {}
-    )
+    if _round(scale) != 1:
+        law["gear"] = _round(scale)
+    return law
 
 
 def _find_effort_limit(
-    model: "mujoco.MjModel", j: int, drive: int | None
+    model: "mujoco.MjModel", j: int, own: Sequence[int]
 ) -> float | None:
     """The largest effort at a joint; None where nothing limits it."""
-    if drive is not None:
-        limit = stated_limit(model, drive)
+    if own:
+        limit = stated_limit(model, own[0])
     elif model.jnt_actfrclimited[j]:
         limit = float(np.abs(model.jnt_actfrcrange[j]).max())
     else:
@@ -147,19 +167,15 @@ def _find_effort_limit(
     return _round(limit) if np.isfinite(limit) else None
 
 
-def _add_stribeck(
-    joints: dict[str, dict[str, Any]], findings: Collection[Mapping[str, Any]]
-) -> None:
+def _add_stribeck(joints: dict[str, JointDrive], findings: Sequence[Finding]) -> None:
     """Add dry friction that is larger at rest, which takes the place of the model's."""
     for finding in findings:
         name = finding["target"].partition(":")[2]
         if finding["effect"] == "stribeck_friction" and name in joints:
-            values = {p["name"]: p["value"] for p in finding["parameters"]}
+            values = {p["name"]: cast(float, p["value"]) for p in finding["parameters"]}
             joints[name].pop("frictionloss", None)
-            joints[name] |= {
-                "static_friction": _round(values["static"]),
-                "dynamic_friction": _round(values["coulomb"]),
-            }
+            joints[name]["static_friction"] = _round(values["static"])
+            joints[name]["dynamic_friction"] = _round(values["coulomb"])
 
 
 def _list_other_drives(model: "mujoco.MjModel") -> list[str]:
@@ -173,20 +189,18 @@ def _list_other_drives(model: "mujoco.MjModel") -> list[str]:
     ]
 
 
-def _list_other_findings(document: Mapping[str, Any]) -> list[str]:
+def _list_other_findings(document: Document) -> list[str]:
     """Findings at joints and actuators that are no value of a joint, in words."""
     said = [document["unpatched"]] if "unpatched" in document else []
     for finding in document["findings"]:
-        if finding["target"].partition(":")[0] in _OF_DRIVES:
-            if finding["effect"] not in _HELD:
-                numbers = [
-                    f"{p['name']} {p['value']:.4g} {p.get('unit', '')}".strip()
-                    for p in finding["parameters"]
-                    if isinstance(p["value"], int | float)
-                ]
-                said.append(
-                    f"{finding['effect']} at {finding['target']}: {', '.join(numbers)}"
-                )
+        kind, name = finding["target"].partition(":")[0], finding["effect"]
+        if kind in ("joint", "actuator") and name not in _HELD:
+            numbers = [
+                f"{p['name']} {p['value']:.4g} {p.get('unit', '')}".strip()
+                for p in finding["parameters"]
+                if isinstance(p["value"], int | float)
+            ]
+            said.append(f"{name} at {finding['target']}: {', '.join(numbers)}")
     return said
 
 

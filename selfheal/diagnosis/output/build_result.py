@@ -3,8 +3,9 @@
 import os
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from ...errors import ModelError
 from ...mjcf.defaults import fold_into_defaults
@@ -23,6 +24,7 @@ from ..selection.replay_scores import (
     explainable_removed,
 )
 from ..selection.structure import RemainingStructure
+from ..selection.verdict import Verdict
 from ..simulation import score
 from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
@@ -31,6 +33,7 @@ from .finding_location import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
 from .result import Candidate, Diagnosis, SignalFit
+from .schema import Document, FitScores, KindErrors, Scores
 from .traces import make_traces
 from .urdf_patch import explain_urdf, find_urdf
 
@@ -52,49 +55,58 @@ _READ_AT = {
 MIN_MOTION = 0.01  # [rad or m] of motion below which a joint tells nothing; chosen
 
 
+@dataclass(frozen=True, eq=False)
+class TestedHypothesis:
+    """A hypothesis and what held-out episodes say of it.
+
+    Attributes:
+        hypothesis: with the names that stand.
+        scores: errors in held-out episodes.
+        structure: what the names leave; a torque of free form would explain it.
+        refuted: labels of the names that do not stand.
+    """
+
+    hypothesis: Hypothesis
+    verdict: Verdict
+    scores: HeldOutScores
+    structure: RemainingStructure
+    refuted: tuple[str, ...]
+
+
 def build_diagnosis(
-    dataset: Dataset,
-    hypothesis: Hypothesis,
-    verdict: str,
-    proof: HeldOutScores,
-    structure: RemainingStructure,
-    refuted: Sequence[str],
-    begun: float,
+    dataset: Dataset, tested: TestedHypothesis, begun: float
 ) -> Diagnosis:
     """The document, the patched model, and what a page draws beside them.
 
     Args:
         dataset: the recordings, parted in training and held out.
-        structure: what a torque of free form would still explain.
-        refuted: effects that the held-out recordings took back, as text.
         begun: time.monotonic() at the beginning [s].
     """
+    hypothesis, proof = tested.hypothesis, tested.scores
     named = proof.refits["patched"]
     located, where = localize_findings(dataset, hypothesis)
     fit = refine_jacobian(hypothesis.final)
     errors, information = standard_errors(fit), Information.build(fit)
-    refit = doc.build_refit(named, proof.unrestored.values, errors)
-    together = doc.build_unidentified(information)
-    remarks = _write_remarks(dataset, hypothesis, structure, refuted, refit, together)
-    text, diff, edits, unpatched = patch_or_nominal(dataset, named.terms, named.values)
-    traces, poses = make_traces(dataset, proof)
-    document = {
+    document: Document = {
         "format": "selfheal-diagnosis",
         "version": 1,
-        "verdict": verdict,
+        "verdict": tested.verdict,
         "findings": doc.build_findings(hypothesis, errors, where),
-        "refit": refit,
-        "unidentified": together,
+        "refit": doc.build_refit(named, proof.unrestored.values, errors),
+        "unidentified": doc.build_unidentified(information),
         "fit": _build_fit(dataset, proof),
     }
+    remarks = _write_remarks(dataset, tested, document)
+    text, diff, edits, unpatched = patch_or_nominal(dataset, named.terms, named.values)
+    traces, poses = make_traces(dataset, proof)
     if unpatched:
         document["unpatched"] = unpatched  # a replay then makes up for it
-        remarks = (UNPATCHED.format(unpatched), *remarks)
+        remarks = [UNPATCHED.format(unpatched), *remarks]
     else:
-        remarks = (*remarks, *_explain_urdf_patch(dataset.compiler.path, edits))
+        remarks += _explain_urdf_patch(dataset.compiler.path, edits)
     return Diagnosis(
         os.path.abspath(dataset.compiler.path),
-        doc.to_json_values(document),
+        cast(Document, doc.to_json_values(document)),
         edits,
         text,
         diff,
@@ -102,10 +114,10 @@ def build_diagnosis(
         located,
         _fit_signals(dataset, proof.squares, proof.count),
         _list_candidates(hypothesis),
-        remarks,
+        tuple(remarks),
         time.monotonic() - begun,
         int(dataset.training.counter.count + dataset.held_out.counter.count),
-        more_than_noise=structure.is_significant,
+        more_than_noise=tested.structure.is_significant,
         information=information,
         poses=poses,
     )
@@ -119,27 +131,26 @@ def _explain_urdf_patch(path: str, edits: Sequence[Edit]) -> list[str]:
     return explain_urdf(urdf, given, patched)
 
 
-def _build_fit(dataset: Dataset, proof: HeldOutScores) -> dict[str, Any]:
-    """Errors in held-out episodes: replayed as a user would, and over each horizon.
-
-    Normalized, and of each kind of signal in its unit.
-    """
-
-    def state(scores: HeldOutScores | HorizonScores) -> dict[str, Any]:
-        return {
-            **scores.numbers,
-            "explainable_removed": explainable_removed(scores.numbers),
-            "errors": [
-                {"kind": kind, "unit": unit, **errors}
-                for (kind, unit), errors in scores.by_kind.items()
-            ],
-        }
-
+def _build_fit(dataset: Dataset, proof: HeldOutScores) -> FitScores:
+    """Errors in held-out episodes: replayed as a user would, and over each horizon."""
     return {
         "held_out": list(dataset.held_out_names),
-        **state(proof),
-        "horizons": [{"seconds": h.seconds, **state(h)} for h in proof.horizons],
+        **_build_scores(proof),
+        "horizons": [
+            {"seconds": h.seconds, **_build_scores(h)} for h in proof.horizons
+        ],
     }
+
+
+def _build_scores(scores: HeldOutScores | HorizonScores) -> Scores:
+    """Errors of each model, normalized, and of each kind of signal in its unit."""
+    errors = [
+        cast(KindErrors, {"kind": kind, "unit": unit, **errors})
+        for (kind, unit), errors in scores.by_kind.items()
+    ]
+    numbers = scores.numbers
+    removed = explainable_removed(numbers)
+    return cast(Scores, {**numbers, "explainable_removed": removed, "errors": errors})
 
 
 def explain_unpatchable(model: str | os.PathLike[str]) -> str:
@@ -205,18 +216,21 @@ def _fit_signals(
 ) -> tuple[SignalFit, ...]:
     """Held-out errors of each signal, with intervals over episodes."""
     simulator, noise = dataset.held_out, score.compute_noise_floor(dataset.held_out)
+
+    def interval(square: Floats, s: int) -> tuple[float, float, float]:
+        return score.bootstrap_interval(simulator, square, count, s)
+
     return tuple(
         SignalFit(
             c.name,
             c.is_scored,
-            floor=float(noise[s]),
+            interval(squares["given"], s),
+            interval(squares["refit"], s),
+            interval(squares["patched"], s),
+            float(noise[s]),
             unit=c.error_unit[1],
             scale=c.error_unit[0] * c.spread,
             reads=f"{_READ_AT.get(c.kind, 'body')}:{c.target}",
-            **{
-                k: score.bootstrap_interval(simulator, squares[k], count, s)
-                for k in ("given", "refit", "patched")
-            },
         )
         for s, c in enumerate(simulator.channels)
     )
@@ -226,44 +240,33 @@ def _list_candidates(hypothesis: Hypothesis) -> tuple[Candidate, ...]:
     """The candidates of the search's first round, best first."""
     named = {(n.term.effect.name, n.term.targets) for n in hypothesis.named}
     return tuple(
-        Candidate(t.effect.name, ", ".join(t.targets), left,
-                  (t.effect.name, t.targets) in named)
+        Candidate(name, ", ".join(t.targets), left, (name, t.targets) in named)
         for t, left in hypothesis.ranking
-    )  # fmt: skip
+        for name in [t.effect.name]
+    )
 
 
 def _write_remarks(
-    dataset: Dataset,
-    hypothesis: Hypothesis,
-    structure: RemainingStructure,
-    refuted: Sequence[str],
-    refit: Sequence[Mapping[str, Any]],
-    together: Sequence[Mapping[str, Any]],
-) -> tuple[str, ...]:
-    """Sentences that a reader should know before believing the rest.
-
-    Args:
-        structure: what a torque of free form would still explain.
-        refuted: effects that the held-out recordings took back, as text.
-        refit: entries of diagnosis.json's "refit".
-        together: entries of its "unidentified".
-    """
+    dataset: Dataset, tested: TestedHypothesis, document: Document
+) -> list[str]:
+    """Sentences that a reader should know before believing the rest."""
+    structure = tested.structure
     found = [
         f"Joint {j.name} moved by less than {MIN_MOTION} {j.unit}: what is wrong with "
         "it, if anything is, these recordings cannot show."
         for j in dataset.robot.joints
         if j.measured and j.range < MIN_MOTION
     ]
-    segments = hypothesis.problem.segments
+    segments = tested.hypothesis.problem.segments
     count, episode, time = find_divergence(dataset.training, segments)
     if count:
         found.append(
             f"The model as given diverges in {count} of {len(segments)} pieces, first "
             f"in episode {episode} at {time:.4g} s."
         )
-    if refuted:
+    if tested.refuted:
         found.append(
-            f"What also fitted, {'; '.join(refuted)}, did not help in the "
+            f"What also fitted, {'; '.join(tested.refuted)}, did not help in the "
             "held-out episodes, so it is not named."
         )
     if structure.is_significant and structure.share > MIN_FREE_FORM_SHARE:
@@ -271,16 +274,17 @@ def _write_remarks(
             f"A torque of free form would explain {100 * structure.share:.0f} % of "
             "what is left."
         )
+    together = document["unidentified"]
     found += [
         f"These data tell {_list_some(e['together'])} only together: {e['words']} is "
         f"fixed by {e['fixed_by']}."
         for e in together
     ]
     grouped = {name for e in together for name in e["together"]}
-    unknown = [e["parameter"] for e in refit if is_unidentified(e)]
+    unknown = [e["parameter"] for e in document["refit"] if is_unidentified(e)]
     if unknown := [name for name in unknown if name not in grouped]:
         found.append(f"Not pinned down by these data: {_list_some(unknown)}.")
-    return tuple(found)
+    return found
 
 
 def _list_some(names: Sequence[str]) -> str:

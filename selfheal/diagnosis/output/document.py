@@ -2,9 +2,10 @@
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import cast
 
 import numpy as np
+from pydantic import JsonValue
 
 from ...recording.data import Floats
 from ..effects.base import Term
@@ -15,6 +16,7 @@ from ..estimation.information import Information
 from ..estimation.settings import FIT
 from ..selection.hypotheses import Hypothesis, NamedEffect
 from ..simulation.model_variants import split_values
+from .schema import Confounded, Document, Finding, Location, Refit, StatedParameter
 
 MAX_EQUIVALENTS = 3  # that a finding lists; chosen
 INERTIAL = {"mass", "inertia", "armature", *MOMENTS}
@@ -22,21 +24,25 @@ LENGTHS = {"length", *SIDES}
 
 
 def build_findings(
-    hypothesis: Hypothesis, errors: Floats, where: Mapping[int, Mapping]
-) -> list[dict[str, Any]]:
+    hypothesis: Hypothesis, errors: Floats, where: Mapping[int, Location]
+) -> list[Finding]:
     """One entry for each named effect and target, those first that explain most.
 
     Args:
         hypothesis: with the named effects and their fit.
         errors: (P) standard errors of the fit's values [each parameter's unit].
-        where: what each named effect acts on (contract's "where"), by its number.
+        where: what each named effect acts on, by its number.
     """
-    fit, out = hypothesis.final, []
-    parameters = _list_by_term(fit, errors)
+    fit, found = hypothesis.final, list[Finding]()
+    split = (split_values(fit.terms, x) for x in (fit.values, errors))
+    parameters = {
+        term: list_parameters(term, values, error)
+        for term, values, error in zip(fit.terms, *split, strict=True)
+    }
     for n, named in enumerate(hypothesis.named):
-        effect = named.term.effect
+        effect, evidence = named.term.effect, named.evidence
         for target in named.term.targets:
-            out.append({
+            entry = {
                 "effect": effect.name,
                 "target": target,
                 **named.term.finding_fields,
@@ -45,27 +51,15 @@ def build_findings(
                 "parameters": parameters[named.term],
                 "where": where[n],
                 "evidence": {
-                    "heldout_nll_gain": named.evidence.gain,
-                    "p_value": named.evidence.p_value,
-                    "stability": named.evidence.stability,
+                    "heldout_nll_gain": evidence.gain,
+                    "p_value": evidence.p_value,
+                    "stability": evidence.stability,
                     "heldout_error_growth": named.growth,
                 },
                 "native": effect.is_native,
-            })  # fmt: skip
-    return out
-
-
-def _list_by_term(fit: Fit, errors: Floats) -> dict[Term, list[dict[str, Any]]]:
-    """The parameters of each term of a fit, as a finding lists them.
-
-    Args:
-        errors: (P) standard errors of its values.
-    """
-    split = (split_values(fit.terms, x) for x in (fit.values, errors))
-    return {
-        term: list_parameters(term, values, error)
-        for term, values, error in zip(fit.terms, *split, strict=True)
-    }
+            }
+            found.append(cast(Finding, entry))  # with the effect's own fields
+    return found
 
 
 def _list_equivalents(named: NamedEffect) -> list[str]:
@@ -77,7 +71,9 @@ def _list_equivalents(named: NamedEffect) -> list[str]:
     ]
 
 
-def list_parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str, Any]]:
+def list_parameters(
+    term: Term, values: Floats, errors: Floats
+) -> list[StatedParameter]:
     """A finding's parameters: name, value, 90 % interval and unit of each.
 
     Where a parameter takes the place of what the model states, that is "given".
@@ -86,33 +82,42 @@ def list_parameters(term: Term, values: Floats, errors: Floats) -> list[dict[str
         values: (p) of its parameters [each one's unit].
         errors: (p) their standard errors.
     """
-    out: list[dict[str, Any]] = []
+    out = list[StatedParameter]()
     stated = {spec.name for spec in term.effect.parameters if spec.is_in_model}
     for p, value, error in zip(term.parameters, values, errors, strict=True):
         low, high = confidence_interval(p, value, error)
-        entry = {"name": p.name, "value": value, "low": low, "high": high}
+        entry = StatedParameter(name=p.name, value=value, low=low, high=high)
         if p.name in stated and np.isfinite(p.nominal):
             entry["given"] = p.nominal
-        out.append(entry | {"unit": p.unit})
+        entry["unit"] = p.unit
+        out.append(entry)
     for spec in term.effect.parameters:
         if spec.size != 1:
             out = _merge_components(spec.name, out)
     return out
 
 
-def _merge_components(name: str, entries: list[dict]) -> list[dict]:
+def _merge_components(
+    name: str, entries: list[StatedParameter]
+) -> list[StatedParameter]:
     """Entries with the components of a vector (NAME_x, ...) as one, the last."""
     components = [e for e in entries if e["name"].startswith(f"{name}_")]
     if not components:
         return entries
-    joined = {k: [e[k] for e in components] for k in ("value", "low", "high")}
-    merged = {"name": name, **joined, "unit": components[0]["unit"]}
+    values, low, high = zip(
+        *((e["value"], e["low"], e["high"]) for e in components), strict=True
+    )
+    merged = StatedParameter(
+        name=name,
+        value=list(values),
+        low=list(low),
+        high=list(high),
+        unit=components[0]["unit"],
+    )
     return [*(e for e in entries if e not in components), merged]
 
 
-def build_refit(
-    patched: Fit, unrestored: Floats, errors: Floats
-) -> list[dict[str, Any]]:
+def build_refit(patched: Fit, unrestored: Floats, errors: Floats) -> list[Refit]:
     """One entry for each nominal value: as given, as patched, and its interval.
 
     Args:
@@ -133,13 +138,19 @@ def build_refit(
             for x, e in zip(fitted, error, strict=True)
             for k in (-1, 1)
         )
-        out.append({"parameter": term.targets[0], "given": given,
-                    "value": given * factor[0], "low": low, "high": high,
-                    "unit": term.effect.unit})  # fmt: skip
+        entry: Refit = {
+            "parameter": term.targets[0],
+            "given": given,
+            "value": given * factor[0],
+            "low": low,
+            "high": high,
+            "unit": term.effect.unit,
+        }
+        out.append(entry)
     return out
 
 
-def build_unidentified(information: Information) -> list[dict[str, Any]]:
+def build_unidentified(information: Information) -> list[Confounded]:
     """One entry for each group of values that the recordings tell only together."""
     out = []
     for group in information.find_confounded():
@@ -150,15 +161,12 @@ def build_unidentified(information: Information) -> list[dict[str, Any]]:
             words = "masses against lengths"
         else:
             words = "what these values do together"
-        out.append({
-            "together": list(group),
-            "words": words,
-            "fixed_by": "what the model states of them",
-        })  # fmt: skip
+        fixed_by = "what the model states of them"
+        out.append(Confounded(together=list(group), words=words, fixed_by=fixed_by))
     return out
 
 
-def to_json_values(thing: Any) -> Any:
+def to_json_values(thing: object) -> JsonValue:
     """A copy with what JSON has: arrays become lists, NaN and infinity become null."""
     if isinstance(thing, Mapping):
         return {k: to_json_values(v) for k, v in thing.items()}
@@ -168,9 +176,9 @@ def to_json_values(thing: Any) -> Any:
         return float(thing) if np.isfinite(thing) else None
     if isinstance(thing, np.integer | np.bool_):
         return thing.item()
-    return thing
+    return cast(JsonValue, thing)
 
 
-def format_document(document: Mapping[str, Any]) -> str:
+def format_document(document: Document) -> str:
     """The text of diagnosis.json."""
     return json.dumps(to_json_values(document), indent=1, allow_nan=False) + "\n"

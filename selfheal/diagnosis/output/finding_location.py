@@ -1,7 +1,6 @@
 """Where named effects act: takes a hypothesis, gives signals, regimes and segments."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from ..simulation.dataset import Dataset
 from ..simulation.simulator import Simulator
 from . import localization
 from .result import Localization
+from .schema import Location, SignalShare, Window
 
 MAX_LISTED_SEGMENTS = 3  # that a finding lists; chosen
 MIN_LISTED_SHARE = 0.02  # of the error, less of which a finding does not list; chosen
@@ -25,7 +25,7 @@ MIN_REGIME_GAIN, MIN_REGIME_DENSITY = 0.3, 1.5
 
 def localize_findings(
     dataset: Dataset, hypothesis: Hypothesis
-) -> tuple[Localization, dict[int, dict[str, Any]]]:
+) -> tuple[Localization, dict[int, Location]]:
     """Where the re-fitted model is wrong, and where each named effect acts."""
     simulator, problem = dataset.training, hypothesis.problem
     segments = problem.segments
@@ -35,21 +35,24 @@ def localize_findings(
     located = Localization(
         tuple(c.name for c in simulator.channels), localization.REGIMES, share, p
     )
-    where: dict[int, dict[str, Any]] = {}
+    where: dict[int, Location] = {}
     after = _square_residuals(problem, final.terms, final.values)
     masks = localization.classify_samples(simulator, dataset.robot, segments)
     for n, named in enumerate(hypothesis.named):
         if isinstance(named.term.effect, Quantization):
             signal = named.term.targets[0].partition(":")[2]
-            own = {"name": signal, "share_of_error": 1.0,
-                   "p_value": named.evidence.p_value}  # fmt: skip
+            own = SignalShare(name=signal, share_of_error=1.0)
+            own["p_value"] = named.evidence.p_value
             where[n] = {"signals": [own], "regime": "always", "windows": []}
             continue
         without = _square_residuals(problem, *final.without_terms(named.term))
         where[n] = _describe_location(dataset, segments, masks, without - after)
         if onset := named.term.onset:
             where[n]["onset"] = {
-                k: getattr(onset, k) for k in ("episode", "time", "low", "high")
+                "episode": onset.episode,
+                "time": onset.time,
+                "low": onset.low,
+                "high": onset.high,
             }
     return located, where
 
@@ -72,7 +75,7 @@ def _square_residuals(
 
 def _describe_location(
     dataset: Dataset, segments: Segments, masks: np.ndarray, gain: Floats
-) -> dict[str, Any]:
+) -> Location:
     """Where an effect lowers the error: signals, regime and segments.
 
     Args:
@@ -82,12 +85,15 @@ def _describe_location(
     simulator = dataset.training
     by_signal = np.maximum(gain.sum(axis=0), 0)
     by_signal = by_signal / max(by_signal.sum(), 1e-300)
-    order = np.argsort(-by_signal)
-    signals = [
-        {"name": simulator.channels[s].name, "share_of_error": by_signal[s],
-         "p_value": improvement_p_value(segments, gain[:, s])}
-        for s in order if by_signal[s] > MIN_LISTED_SHARE
-    ]  # fmt: skip
+    signals: list[SignalShare] = [
+        {
+            "name": simulator.channels[s].name,
+            "share_of_error": by_signal[s],
+            "p_value": improvement_p_value(segments, gain[:, s]),
+        }
+        for s in np.argsort(-by_signal)
+        if by_signal[s] > MIN_LISTED_SHARE
+    ]
     by_segment = np.bincount(
         segments.segment_of_sample, gain.sum(axis=1), minlength=len(segments)
     )
@@ -132,11 +138,9 @@ def _find_densest_regime(masks: np.ndarray, gain: Floats) -> str:
     return best
 
 
-def _describe_segment(
-    simulator: Simulator, segments: Segments, w: int
-) -> dict[str, Any]:
+def _describe_segment(simulator: Simulator, segments: Segments, w: int) -> Window:
     """Episode, start and end of a segment."""
     episode = simulator.episodes[int(segments.episode[w])]
     start = episode.start + segments.first_step[w] * simulator.timestep
-    return {"episode": episode.id, "start": start,
-            "end": start + segments.lengths[w] * simulator.timestep}  # fmt: skip
+    end = start + segments.lengths[w] * simulator.timestep
+    return {"episode": episode.id, "start": start, "end": end}

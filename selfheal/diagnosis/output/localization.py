@@ -9,12 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...recording.data import Floats
-from ..data.robot_summary import Channel, Joint, RobotSummary
+from ..data.robot_summary import Channel, RobotSummary
 from ..data.segments import Segments
 from ..simulation.simulator import Simulator
 
-REGIMES = ("reversal", "slow", "fast", "high_load", "saturated", "contact",
-           "near_limit", "after_step")  # fmt: skip
+# in the order of the contract
+REGIMES = tuple(
+    "reversal slow fast high_load saturated contact near_limit after_step".split()
+)
 EVENT_SECONDS = 0.25  # [s] that a reversal or a step counts for; chosen
 MIN_REGIME_SAMPLES = 20  # samples of a regime below which nothing is said of it; chosen
 # segments with a difference, below which there is no test; chosen: of 5 its least
@@ -27,6 +29,8 @@ HIGH_LOAD_RATIO = 1.3  # times the root mean square of a load, a high one; chose
 NEAR_LIMIT_SHARE = 0.45  # of a joint's range off its center, near a limit; chosen
 SATURATED_SHARE = 0.98  # of the largest force, a saturated one; chosen
 COMMAND_STEP_SHARE = 0.1  # of a command's range, a change of it that is a step; chosen
+
+Masks = np.ndarray  # of bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +78,8 @@ def classify_samples(
         last = len(motion.position) - 1
         near = np.clip(np.round(at[rows]).astype(int), 0, last)
         for s, c in enumerate(simulator.channels):
-            joints = _find_joints(robot, c)
-            for r, name in enumerate(REGIMES):
-                out[r, rows, s] = _is_in_regime(name, motion, joints, robot)[near]
+            regimes = _find_regimes(motion, _find_joints(robot, c), robot)
+            out[:, rows, s] = regimes[:, near]
     return out
 
 
@@ -117,63 +120,31 @@ def _compute_motion(simulator: Simulator, robot: RobotSummary, index: int) -> _M
     )
 
 
-def _is_in_regime(
-    name: str, motion: _Motion, joints: list[int], robot: RobotSummary
-) -> np.ndarray:
-    """Whether any of some joints is in a regime at each step.
-
-    Args:
-        motion: of an episode, at G steps.
-        joints: that are looked at, by their order.
-
-    Returns:
-        (G) of bool.
-    """
-    out = np.zeros(len(motion.position), bool)
-    if name == "contact":
-        return motion.contact if robot.has_contact else out
+def _find_regimes(motion: _Motion, joints: list[int], robot: RobotSummary) -> Masks:
+    """Whether any of some joints is in a regime (R, G), at the G steps of a motion."""
     steps = max(1, round(EVENT_SECONDS / robot.timestep))
-    if name == "after_step":
-        return _within_last_steps(_find_command_steps(motion.ctrl), steps)
+    out = {name: np.zeros(len(motion.position), bool) for name in REGIMES}
+    out["contact"] |= motion.contact & robot.has_contact
+    out["after_step"] |= _within_last_steps(_find_command_steps(motion.ctrl), steps)
     for j in joints:
-        joint = robot.joints[j]
-        q, v, load = motion.position[:, j], motion.velocity[:, j], motion.load[:, j]
-        if name == "reversal":
-            is_moving = np.abs(v) > REST_SPEED_SHARE * joint.speed
-            sign = np.sign(np.where(is_moving, v, 0))
-            out |= _within_last_steps(_find_reversals(sign), steps)
-        else:
-            out |= _is_joint_in_regime(name, robot, joint, q, v, load)
-    return out
-
-
-def _is_joint_in_regime(
-    name: str, robot: RobotSummary, joint: Joint, q: Floats, v: Floats, load: Floats
-) -> np.ndarray:
-    """Whether a joint is slow, fast, highly loaded, near a limit or saturated.
-
-    Args:
-        q: (G) its position [rad or m].
-        v: (G) its velocity [rad/s or m/s].
-        load: (G) its load [N m or N].
-
-    Returns:
-        (G) of bool.
-    """
-    if name == "slow":
-        return np.abs(v) < SLOW_SPEED_SHARE * joint.speed
-    if name == "fast":
-        return np.abs(v) > FAST_SPEED_SHARE * joint.speed
-    if name == "high_load":
-        return load > HIGH_LOAD_RATIO * np.sqrt(np.mean(load**2)) + 1e-12
-    if name == "near_limit":
-        return np.abs(q - joint.range_center) > NEAR_LIMIT_SHARE * joint.range
-    limits = [
-        robot.model.actuator_forcerange[a.id, 1]
-        for a in robot.actuators
-        if a.dof == joint.dof and robot.model.actuator_forcelimited[a.id]
-    ]
-    return load >= SATURATED_SHARE * limits[0] if limits else np.zeros(len(q), bool)
+        joint, speed = robot.joints[j], np.abs(motion.velocity[:, j])
+        is_moving = speed > REST_SPEED_SHARE * joint.speed
+        sign = np.sign(np.where(is_moving, motion.velocity[:, j], 0))
+        out["reversal"] |= _within_last_steps(_find_reversals(sign), steps)
+        out["slow"] |= speed < SLOW_SPEED_SHARE * joint.speed
+        out["fast"] |= speed > FAST_SPEED_SHARE * joint.speed
+        load = motion.load[:, j]
+        out["high_load"] |= load > HIGH_LOAD_RATIO * np.sqrt(np.mean(load**2)) + 1e-12
+        away = np.abs(motion.position[:, j] - joint.range_center)
+        out["near_limit"] |= away > NEAR_LIMIT_SHARE * joint.range
+        limits = [
+            robot.model.actuator_forcerange[a.id, 1]
+            for a in robot.actuators
+            if a.dof == joint.dof and robot.model.actuator_forcelimited[a.id]
+        ]
+        if limits:
+            out["saturated"] |= load >= SATURATED_SHARE * limits[0]
+    return np.stack(list(out.values()))
 
 
 def _find_command_steps(ctrl: Floats) -> np.ndarray:
@@ -218,17 +189,13 @@ def localize_error(
         p_value: (S, R) that the error is no larger there than elsewhere: Wilcoxon's
             signed-rank test over segments, corrected for the whole grid (Holm 1979).
     """
-    where = classify_samples(simulator, robot, segments)
-    total = np.nansum(square)
+    where, total = classify_samples(simulator, robot, segments), np.nansum(square)
     share = np.full((len(simulator.channels), len(REGIMES)), np.nan)
     p = np.ones_like(share)
     for s in range(len(simulator.channels)):
         for r in range(len(REGIMES)):
             inside = where[r, :, s]
-            if (
-                inside.sum() < MIN_REGIME_SAMPLES
-                or (~inside).sum() < MIN_REGIME_SAMPLES
-            ):
+            if min(inside.sum(), (~inside).sum()) < MIN_REGIME_SAMPLES:
                 continue
             share[s, r] = np.nansum(square[inside, s]) / max(total, 1e-300)
             p[s, r] = _larger_inside_p_value(segments, square[:, s], inside)
@@ -267,10 +234,9 @@ def _correct_holm(p: Floats, tested: np.ndarray) -> Floats:
     The i-th smallest of n is multiplied by n - i, i from 0, and is no smaller than
     those before it.
     """
-    flat = np.flatnonzero(tested.ravel())
-    order = flat[np.argsort(p.ravel()[flat])]
-    out, worst = np.ones(p.size), 0.0
-    for i, cell in enumerate(order):
-        worst = max(worst, min(1.0, p.ravel()[cell] * (len(order) - i)))
-        out[cell] = worst
-    return out.reshape(p.shape)
+    order = np.argsort(p[tested])
+    factors = np.arange(len(order), 0, -1)
+    fixed = np.maximum.accumulate(np.minimum(1.0, p[tested][order] * factors))
+    out = np.ones_like(p)
+    out[tested] = fixed[np.argsort(order)]
+    return out

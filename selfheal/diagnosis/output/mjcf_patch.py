@@ -14,7 +14,13 @@ from ...recording.data import Floats
 from ..effects.base import Term
 from ..effects.protocols import TextForm
 from ..simulation.model_variants import ModelVariant, split_values
-from .model_source import ModelSource, differs, name_or_id
+from .model_source import (
+    Attributes,
+    ModelSource,
+    differs,
+    edit_attributes,
+    name_or_id,
+)
 from .patch_actuators import edit_actuators
 from .patch_bodies import edit_bodies, edit_geoms, edit_sites
 
@@ -23,6 +29,9 @@ if TYPE_CHECKING:
 
 FREE_JOINT, SLIDE_JOINT = 0, 2  # mjtJoint
 OPTIONS = ("gravity", "density", "viscosity", "wind")  # of mjOption, that effects set
+# attributes by fields: of a joint's first degree of freedom, of its limits
+_DOF = {"dof_frictionloss": "frictionloss", "dof_armature": "armature"}
+_LIMITS = {"jnt_actfrcrange": "actuatorfrcrange", "jnt_solref": "solreflimit"}
 
 
 def build_edits(
@@ -75,21 +84,17 @@ def _edit_joints(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterato
 
 def _joint_attributes(
     source: ModelSource, old: "MjModel", new: "MjModel", j: int
-) -> dict[str, str | None]:
+) -> Attributes:
     """Attributes of a joint whose values differ between two models."""
     v, q = int(new.jnt_dofadr[j]), int(new.jnt_qposadr[j])
-    attributes: dict[str, str | None] = {}
+    attributes: Attributes = {}
     damping = [np.append(m.dof_damping[v], m.dof_dampingpoly[v]) for m in (old, new)]
     if differs(*damping):
         used = np.flatnonzero(damping[1])
         count = (used[-1] if used.size else 0) + 1
         attributes["damping"] = format_number(damping[1][:count])
-    for attribute in ("frictionloss", "armature"):
-        field = f"dof_{attribute}"
-        if differs(getattr(old, field)[v], getattr(new, field)[v]):
-            attributes[attribute] = format_number(getattr(new, field)[v])
-    if differs(old.jnt_stiffness[j], new.jnt_stiffness[j]):
-        attributes["stiffness"] = format_number(new.jnt_stiffness[j])
+    attributes |= edit_attributes(old, new, v, _DOF)
+    attributes |= edit_attributes(old, new, j, {"jnt_stiffness": "stiffness"})
     in_degrees = source.degree and new.jnt_type[j] != SLIDE_JOINT
     if differs(old.qpos_spring[q], new.qpos_spring[q]):
         angle = _to_text_angle(new.qpos_spring[q], in_degrees)
@@ -97,11 +102,7 @@ def _joint_attributes(
     if differs(old.jnt_range[j], new.jnt_range[j]):
         ends = _to_text_angle(new.jnt_range[j], in_degrees)
         attributes |= {"range": format_number(ends), "limited": "true"}
-    if differs(old.jnt_actfrcrange[j], new.jnt_actfrcrange[j]):
-        attributes["actuatorfrcrange"] = format_number(new.jnt_actfrcrange[j])
-    if differs(old.jnt_solref[j], new.jnt_solref[j]):
-        attributes["solreflimit"] = format_number(new.jnt_solref[j])
-    return attributes
+    return attributes | edit_attributes(old, new, j, _LIMITS)
 
 
 def _to_text_angle(value: Floats, in_degrees: bool) -> Floats:
@@ -111,7 +112,7 @@ def _to_text_angle(value: Floats, in_degrees: bool) -> Floats:
 
 def _edit_option(old: "MjModel", new: "MjModel") -> Iterator[Edit]:
     """The edit of <option>, if any of the fields that effects set differs."""
-    attributes: dict[str, str | None] = {
+    attributes: Attributes = {
         field: format_number(getattr(new.opt, field))
         for field in OPTIONS
         if differs(getattr(old.opt, field), getattr(new.opt, field))

@@ -2,18 +2,24 @@
 
 import os
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, TypeAlias
 from uuid import uuid4
 
 import numpy as np
 
 from ...errors import ModelError
-from ...mjcf.edit import Edit, apply_edits, list_tags
+from ...mjcf.edit import Edit, apply_edits, format_number, list_tags
 from ...mjcf.xml_text import encode_text
 from ...mujoco_files import read_spec_file
 from ...recording.data import Floats
+
+if TYPE_CHECKING:
+    from mujoco import MjModel, MjsBody, MjsFrame, MjsGeom, MjsOrientation, MjSpec
+    from numpy.typing import ArrayLike
+
+    Element: TypeAlias = MjsBody | MjsFrame | MjsGeom
 
 INERTIA_FROM_GEOM = 1  # mjtInertiaFromGeom: true
 QUATERNION = 0  # mjtOrientation
@@ -21,12 +27,14 @@ QUATERNION = 0  # mjtOrientation
 # last digits that a text has
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE = 1e-9, 1e-6
 
+Attributes = dict[str, str | None]  # None takes one away
+
 
 class ModelSource:
     """What the text of a model states and a compiled model does not.
 
     Attributes:
-        spec: mujoco.MjSpec of the text.
+        spec: of the text.
         degree: whether the text has angles of hinges in degrees.
     """
 
@@ -57,13 +65,8 @@ class ModelSource:
         """Whether the compiler scales all masses to a total."""
         return bool(self.spec.compiler.settotalmass > 0)
 
-    def resolve_orientation(self, quat: Floats, alt: Any) -> Floats:
-        """The quaternion (4) of an element, in whatever form the text states it.
-
-        Args:
-            quat: (4) its `quat`.
-            alt: its other form, as mujoco.MjSpec has it.
-        """
+    def resolve_orientation(self, quat: Floats, alt: "MjsOrientation") -> Floats:
+        """The quaternion (4) of an element by its `quat` (4), or its other form."""
         if int(alt.type) == QUATERNION:
             return np.array(quat) / np.linalg.norm(quat)
         compiler = self.spec.compiler
@@ -72,7 +75,7 @@ class ModelSource:
         )
         return np.array(turned)
 
-    def resolve_frame(self, element: Any) -> tuple[Floats, Floats]:
+    def resolve_frame(self, element: "Element") -> tuple[Floats, Floats]:
         """Position (3) [m] and quaternion (4) of the <frame>s around an element."""
         import mujoco
 
@@ -86,8 +89,8 @@ class ModelSource:
         return place, turn
 
 
-def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> Any:
-    """mujoco.MjSpec of the edited text, compiled, so that its elements have ids.
+def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> "MjSpec":
+    """The edited text, compiled, so that its elements have ids.
 
     Args:
         path: of the MJCF or URDF.
@@ -109,8 +112,8 @@ def compile_patched(path: str | os.PathLike[str], changes: Sequence[Edit]) -> An
     return spec
 
 
-def is_same_model(one: Any, other: Any) -> bool:
-    """Whether two mujoco.MjSpec compile to the same numbers and names."""
+def is_same_model(one: "MjSpec", other: "MjSpec") -> bool:
+    """Whether two specifications compile to the same numbers and names."""
     import mujoco
 
     saved = []
@@ -122,11 +125,26 @@ def is_same_model(one: Any, other: Any) -> bool:
     return saved[0] == saved[1]
 
 
-def differs(old: Any, new: Any) -> bool:
+def differs(old: "ArrayLike", new: "ArrayLike") -> bool:
     """Whether two values or arrays of the same shape differ by more than rounding."""
     a, b = np.asarray(old, float), np.asarray(new, float)
     limit = RELATIVE_TOLERANCE * (ABSOLUTE_TOLERANCE + np.abs(a) + np.abs(b))
     return bool((np.abs(a - b) > limit).any())
+
+
+def edit_attributes(
+    old: "MjModel", new: "MjModel", i: int, fields: Mapping[str, str]
+) -> Attributes:
+    """Attributes of an element, by fields whose i-th rows differ between two models.
+
+    Args:
+        fields: names of attributes, by those of the compiled models' fields.
+    """
+    return {
+        attribute: format_number(getattr(new, field)[i])
+        for field, attribute in fields.items()
+        if differs(getattr(old, field)[i], getattr(new, field)[i])
+    }
 
 
 def name_or_id(accessor: Callable, index: int) -> str | int:

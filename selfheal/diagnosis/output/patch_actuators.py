@@ -7,19 +7,21 @@ import numpy as np
 
 from ...mjcf.edit import Edit, Rename, Set, format_number
 from ...recording import find_controls, find_output
-from .model_source import ModelSource, differs, name_or_id
+from .model_source import (
+    Attributes,
+    ModelSource,
+    differs,
+    edit_attributes,
+    name_or_id,
+)
 
 if TYPE_CHECKING:
     from mujoco import MjModel
 
 # attributes of the kinds of actuators that a <general> one does not have
 SHORT = dict.fromkeys(
-    (
-        "kp", "kv", "gain", "dampratio", "timeconst", "inheritrange", "diameter",
-        "area", "bias",
-    )
-)  # fmt: skip
-
+    "kp kv gain dampratio timeconst inheritrange diameter area bias".split()
+)
 DYNAMICS = {1: "integrator", 2: "filter", 3: "filterexact"}  # mjtDyn
 AFFINE = 1  # mjtGain, mjtBias
 
@@ -47,15 +49,14 @@ def edit_actuators(
         gear = new.actuator_gear[out := find_output(new, a)]
         if differs(old.actuator_gear[out], gear):
             attributes["gear"] = format_number(gear[: np.flatnonzero(gear)[-1] + 1])
-        limits = [
-            (m.actuator_forcelimited[a], *m.actuator_forcerange[a]) for m in (old, new)
-        ]
-        if differs(*limits):
+        ranges = [m.actuator_forcerange[a] for m in (old, new)]
+        limited = [m.actuator_forcelimited[a] for m in (old, new)]
+        if differs(*limited) or differs(*ranges):
             attributes["forcelimited"] = "true"
-            attributes["forcerange"] = format_number(new.actuator_forcerange[a])
+            attributes["forcerange"] = format_number(ranges[1])
         for control in find_controls(new, a):
-            if differs(*(m.actuator_ctrlrange[control] for m in (old, new))):
-                attributes["ctrlrange"] = format_number(new.actuator_ctrlrange[control])
+            fields = {"actuator_ctrlrange": "ctrlrange"}
+            attributes |= edit_attributes(old, new, control, fields)
         attributes |= _keep_inherited_range(source, old, new, a, to != given)
         if attributes and to != tag:
             yield Rename("actuator", name, to, attributes)
@@ -63,9 +64,7 @@ def edit_actuators(
             yield Set("actuator", name, attributes)
 
 
-def _edit_force_law(
-    tag: str, old: "MjModel", new: "MjModel", a: int
-) -> dict[str, str | None]:
+def _edit_force_law(tag: str, old: "MjModel", new: "MjModel", a: int) -> Attributes:
     """Attributes of gain and bias where they differ, in the form that the tag has.
 
     A tag that has no such form gets those of <general>.
@@ -82,14 +81,11 @@ def _edit_force_law(
         return {"gainprm": format_number(gain), "biasprm": format_number(bias)}
     is_servo = not differs([gain[0], *bias[:2]], [-bias[1], 0, bias[1]])
     if tag in ("position", "intvelocity") and is_servo:
-        return {
-            "kp": format_number(gain[0]),
-            "kv": format_number(-bias[2]),
-            "dampratio": None,
-        }
+        kp, kv = format_number(gain[0]), format_number(-bias[2])
+        return {"kp": kp, "kv": kv, "dampratio": None}
     if tag == "velocity" and not differs([gain[0], *bias[:2]], [-bias[2], 0, 0]):
         return {"kv": format_number(gain[0])}
-    attributes: dict[str, str | None] = {
+    attributes: Attributes = {
         **SHORT,
         "gaintype": "affine" if new.actuator_gaintype[a] == AFFINE else "fixed",
         "gainprm": format_number(gain),
@@ -97,21 +93,17 @@ def _edit_force_law(
         "biasprm": format_number(bias),
     }
     if kind := DYNAMICS.get(int(new.actuator_dyntype[a])):
-        attributes |= {
-            "dyntype": kind,
-            "dynprm": format_number(new.actuator_dynprm[a, 0]),
-        }
+        dynprm = format_number(new.actuator_dynprm[a, 0])
+        attributes |= {"dyntype": kind, "dynprm": dynprm}
     return attributes
 
 
 def _keep_inherited_range(
     source: ModelSource, old: "MjModel", new: "MjModel", a: int, general: bool
-) -> dict:
+) -> Attributes:
     """Attributes that keep the range that an actuator took from its joint.
 
     Args:
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
         general: whether it becomes a <general> one, which inherits no range.
     """
     joint = int(new.actuator_trnid[a, 0])

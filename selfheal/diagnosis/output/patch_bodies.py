@@ -1,17 +1,27 @@
 """Changed bodies, geoms and sites as edits of text: takes two models, gives edits."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
 from ..effects.inertia import spatial_inertia
-from .model_source import ModelSource, differs, name_or_id
+from .model_source import (
+    Attributes,
+    ModelSource,
+    differs,
+    edit_attributes,
+    name_or_id,
+)
 
 if TYPE_CHECKING:
-    from mujoco import MjModel
+    from mujoco import MjModel, MjsBody, MjsGeom, MjsSite
+    from numpy.typing import ArrayLike
+
+    Shape: TypeAlias = MjsGeom | MjsSite
+    Element: TypeAlias = MjsBody | Shape
 
 # MJCF's other ways to state an orientation, which `quat` takes the place of
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
@@ -20,6 +30,11 @@ MIN_PRODUCT_SHARE = 1e-7
 SIZES = {2: 1, 3: 2, 5: 2}  # numbers of a size: mjtGeom sphere, capsule, cylinder
 # which number of a size is half of what `fromto` says; 2 of ellipsoids and boxes
 HALF_LENGTHS = {3: 1, 5: 1}
+# attributes of a geom in contact, by fields
+CONTACT = {
+    f"geom_{name}": name
+    for name in ("friction", "solref", "priority", "contype", "conaffinity")
+}
 ROUNDING = 1e-12  # share of a vector's largest number below which one is rounding
 
 
@@ -45,9 +60,9 @@ def edit_bodies(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator
             element = source.spec.bodies[b]
             pos = _moved_position(source, element, old.body_pos[b], new.body_pos[b])
             yield Set("body", name_or_id(old.body, b), {"pos": pos})
-        if differs(old.body_gravcomp[b], new.body_gravcomp[b]):
-            gravcomp = format_number(new.body_gravcomp[b])
-            yield Set("body", name_or_id(old.body, b), {"gravcomp": gravcomp})
+        carried = edit_attributes(old, new, b, {"body_gravcomp": "gravcomp"})
+        if carried:
+            yield Set("body", name_or_id(old.body, b), carried)
         if changed[b]:
             yield _edit_inertial(source, name_or_id(old.body, b), new, b)
 
@@ -58,12 +73,15 @@ def _edit_inertial(
     """The edit that gives a body's text the mass and inertia of the new model."""
     place, turn = (_drop_rounding(v[body]) for v in (new.body_ipos, new.body_iquat))
     if not source.states_inertia(body):
-        attributes = {"pos": place, "quat": turn, "mass": new.body_mass[body],
-                      "diaginertia": new.body_inertia[body]}  # fmt: skip
-        xml = " ".join(f'{k}="{format_number(v)}"' for k, v in attributes.items())
+        values = place, turn, new.body_mass[body], new.body_inertia[body]
+        names = "pos", "quat", "mass", "diaginertia"
+        xml = " ".join(
+            f'{name}="{format_number(value)}"'
+            for name, value in zip(names, values, strict=True)
+        )
         return Insert("body", name, f"<inertial {xml}/>", first=True)
     element = source.spec.bodies[body]
-    changes: dict[str, str | None] = {}
+    changes: Attributes = {}
     if differs(element.ipos, place):
         changes["pos"] = format_number(place)
     if differs(element.mass, new.body_mass[body]):
@@ -72,8 +90,8 @@ def _edit_inertial(
 
 
 def _edit_moments(
-    source: ModelSource, element: Any, new: "MjModel", body: int
-) -> dict[str, str | None]:
+    source: ModelSource, element: "MjsBody", new: "MjModel", body: int
+) -> Attributes:
     """Attributes of a stated inertia's moments, in the form that the text has."""
     if np.isfinite(element.fullinertia[0]):
         tensor = spatial_inertia(new, body)
@@ -93,7 +111,7 @@ def _edit_moments(
 
 
 def _stated_axes_inertia(
-    source: ModelSource, element: Any, new: "MjModel", body: int
+    source: ModelSource, element: "MjsBody", new: "MjModel", body: int
 ) -> Floats | None:
     """Principal moments (3) [kg m^2] about the axes that the text states.
 
@@ -112,19 +130,16 @@ def _stated_axes_inertia(
     return moments if apart < MIN_PRODUCT_SHARE * moments.max() else None
 
 
-def _moved_position(source: ModelSource, element: Any, old: Floats, new: Floats) -> str:
-    """The `pos` of an element that has moved in its body.
-
-    Args:
-        old: (3) its compiled position before [m].
-        new: (3) its compiled position after [m].
-    """
+def _moved_position(
+    source: ModelSource, element: "Element", old: Floats, new: Floats
+) -> str:
+    """The `pos` of an element that has moved in its body from a place (3) [m]."""
     return _format_moved(element.pos, _turn_into_frame(source, element, new - old))
 
 
 def _moved_ends(
-    source: ModelSource, element: Any, moved: Floats, grown: float
-) -> dict[str, str | None]:
+    source: ModelSource, element: "Shape", moved: Floats, grown: float
+) -> Attributes:
     """The `fromto` of an element that has moved in its body.
 
     Args:
@@ -136,7 +151,7 @@ def _moved_ends(
     return {"fromto": _format_moved(ends, np.concatenate([way - half, way + half]))}
 
 
-def _turn_into_frame(source: ModelSource, element: Any, way: Floats) -> Floats:
+def _turn_into_frame(source: ModelSource, element: "Element", way: Floats) -> Floats:
     """A way (3) in the axes of a body [m], in those of the <frame>s in it."""
     import mujoco
 
@@ -147,7 +162,7 @@ def _turn_into_frame(source: ModelSource, element: Any, way: Floats) -> Floats:
     return turned
 
 
-def _format_moved(given: Any, way: Floats) -> str:
+def _format_moved(given: "ArrayLike", way: Floats) -> str:
     """Numbers (N) of a text after a way (N), each as given where it has not moved."""
     return format_number(np.array(given) + _drop_rounding(way))
 
@@ -159,17 +174,17 @@ def _drop_rounding(vector: Floats) -> Floats:
 
 
 def _edit_span(
-    source: ModelSource, element: Any, kind: int, moved: Floats, sizes: list[Floats]
-) -> dict[str, str | None]:
-    """Attributes of a geom or site that is stated by `fromto` and differs.
+    source: ModelSource, element: "Shape", kind: int, moved: Floats, sizes: list[Floats]
+) -> Attributes:
+    """Attributes of a geom that is stated by `fromto` and differs.
 
     Args:
-        moved: (3) the way of its middle, in the axes of the body [m].
+        moved: (3) the displacement of its middle, in the axes of the body [m].
         sizes: (3) before and after [m].
     """
     half = HALF_LENGTHS.get(kind, 2)
     old, new = sizes
-    attributes = {}
+    attributes: Attributes = {}
     if moved.any() or differs(old[half], new[half]):
         attributes = _moved_ends(source, element, moved, new[half] / old[half])
     if differs(old[:half], new[:half]):
@@ -178,35 +193,21 @@ def _edit_span(
 
 
 def edit_geoms(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
-    """Edits of the geoms that differ between two models.
-
-    Args:
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-    """
-    for g in range(new.ngeom):
-        attributes: dict[str, str | None] = {}
-        element = source.spec.geoms[g]
-        moved = differs(old.geom_pos[g], new.geom_pos[g])
-        grown = differs(old.geom_size[g], new.geom_size[g])
+    """Edits of the geoms that differ between two models, as `edit_bodies`."""
+    for g, element in enumerate(source.spec.geoms):
+        attributes: Attributes = {}
+        places = [m.geom_pos[g] for m in (old, new)]
+        sizes = [m.geom_size[g] for m in (old, new)]
+        moved, grown = differs(*places), differs(*sizes)
         if np.isfinite(element.fromto[0]) and (moved or grown):
-            way = new.geom_pos[g] - old.geom_pos[g] if moved else np.zeros(3)
-            sizes = [m.geom_size[g] for m in (old, new)]
+            way = places[1] - places[0] if moved else np.zeros(3)
             attributes |= _edit_span(source, element, int(new.geom_type[g]), way, sizes)
         elif moved:
-            attributes["pos"] = _moved_position(
-                source, element, old.geom_pos[g], new.geom_pos[g]
-            )
+            attributes["pos"] = _moved_position(source, element, *places)
         # a mesh keeps its size
         if grown and old.geom_dataid[g] < 0 and "fromto" not in attributes:
             attributes["size"] = _format_size(new, g)
-        for field, attribute in (
-            ("geom_friction", "friction"), ("geom_solref", "solref"),
-            ("geom_priority", "priority"), ("geom_contype", "contype"),
-            ("geom_conaffinity", "conaffinity"),
-        ):  # fmt: skip
-            if differs(getattr(old, field)[g], getattr(new, field)[g]):
-                attributes[attribute] = format_number(getattr(new, field)[g])
+        attributes |= edit_attributes(old, new, g, CONTACT)
         if attributes:
             yield Set("geom", name_or_id(old.geom, g), attributes)
 
@@ -218,20 +219,13 @@ def _format_size(model: "MjModel", geom: int) -> str:
 
 
 def edit_sites(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[Edit]:
-    """Edits of the sites that have moved between two models.
-
-    Args:
-        old: compiled, as the text states it.
-        new: compiled, as the text is to be.
-    """
-    for s in range(new.nsite):
-        if not differs(old.site_pos[s], new.site_pos[s]):
+    """Edits of the sites that have moved between two models, as `edit_bodies`."""
+    for s, element in enumerate(source.spec.sites):
+        places = [m.site_pos[s] for m in (old, new)]
+        if not differs(*places):
             continue
-        element = source.spec.sites[s]
         if np.isfinite(element.fromto[0]):
-            way = new.site_pos[s] - old.site_pos[s]
-            attributes = _moved_ends(source, element, way, 1.0)
+            moved = _moved_ends(source, element, places[1] - places[0], 1.0)
         else:
-            pos = _moved_position(source, element, old.site_pos[s], new.site_pos[s])
-            attributes = {"pos": pos}
-        yield Set("site", name_or_id(old.site, s), attributes)
+            moved = {"pos": _moved_position(source, element, *places)}
+        yield Set("site", name_or_id(old.site, s), moved)

@@ -5,10 +5,10 @@ the diagnosis' own simulator applies.
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from ..simulation.build import (
 from ..simulation.checks import find_divergence
 from ..simulation.model_variants import ModelCompiler
 from ..simulation.simulator import Simulator
+from .schema import Document, Finding
 from .storage import read_document
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def replay_recording(
 
 
 def _build_terms(
-    document: Mapping[str, Any], compiler: ModelCompiler, patched: bool
+    document: Document, compiler: ModelCompiler, patched: bool
 ) -> tuple[list[Term], Floats]:
     """The terms that a diagnosis adds to a model, and all their values (P).
 
@@ -110,7 +111,7 @@ def _build_terms(
 
 
 def _restore_refit(
-    document: Mapping[str, Any], compiler: ModelCompiler
+    document: Document, compiler: ModelCompiler
 ) -> Iterator[tuple[Term, float]]:
     """Terms of the re-fitted values that this model states too, and their factors."""
     nominal_terms = {
@@ -121,16 +122,13 @@ def _restore_refit(
             yield nominal_terms[entry["parameter"]], entry["value"] / entry["given"]
 
 
-def _read_values(finding: Mapping[str, Any]) -> Floats:
+def _read_values(finding: Finding) -> Floats:
     """Values (p) of a finding's parameters, vectors by their components."""
-    return np.concatenate([
-        np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]
-    ] + [np.zeros(0)])  # fmt: skip
+    values = [np.atleast_1d(np.array(p["value"], float)) for p in finding["parameters"]]
+    return np.concatenate([*values, np.zeros(0)])
 
 
-def restore_term(
-    finding: Mapping[str, Any], compiler: ModelCompiler, patched: bool
-) -> Term:
+def restore_term(finding: Finding, compiler: ModelCompiler, patched: bool) -> Term:
     """A finding as a term of a model.
 
     Args:
@@ -223,7 +221,7 @@ def _replay_episode(
     return replace(episode, signals=filled)
 
 
-def _find_added_joints(document: Mapping[str, Any], model: "MjModel") -> list[int]:
+def _find_added_joints(document: Document, model: "MjModel") -> list[int]:
     """Ids of the joints that a patch added to a model, hinges and slides."""
     places = [
         find_effect(finding["effect"]).find_place(model, finding)

@@ -2,11 +2,11 @@
 
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...errors import InputError, ModelError
 from ...mjcf.edit import Edit, apply_edits
@@ -19,11 +19,13 @@ from .actuator_configs import format_isaac_lab, format_mjlab, format_yaml
 from .actuators import describe_actuators
 from .document import format_document
 from .model_source import compile_patched
+from .schema import Document
 from .storage import URDF, check_folder, write_diagnosis
 from .urdf_patch import UrdfPatch, find_urdf
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +164,7 @@ class Diagnosis:
     """
 
     model: str
-    document: Mapping[str, Any]
+    document: Document
     edits: Sequence[Edit]
     patched: str
     diff: str
@@ -187,17 +189,16 @@ class Diagnosis:
         """
         left = f"; not tried everywhere: {join_names(untried)}" if untried else ""
         remark = f"Stopped before the end, while {stage}: the best answer so far{left}."
-        stopped = {
-            "while": stage,
-            "tried": count - len(untried),
-            "of": count,
-            "not_tried": list(untried),
+        document: Document = {
+            **self.document,
+            "stopped": {
+                "while": stage,
+                "tried": count - len(untried),
+                "of": count,
+                "not_tried": list(untried),
+            },
         }
-        return replace(
-            self,
-            document={**self.document, "stopped": stopped},
-            remarks=(remark, *self.remarks),
-        )
+        return replace(self, document=document, remarks=(remark, *self.remarks))
 
     def save(self, folder: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write the files of a diagnosis (`storage.FILES`), all or nothing.
@@ -278,7 +279,7 @@ class Diagnosis:
             self.save(folder)
             return replay_recording(folder, recording, model=model)
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> "DataFrame":
         """The findings as a data frame of pandas, a row for each parameter.
 
         Raises:
@@ -329,7 +330,7 @@ class Diagnosis:
         rows = [
             (finding["effect"], finding["target"], *map(parameter.get, keys))
             for finding in self.document["findings"]
-            for parameter in finding["parameters"] or [{}]
+            for parameter in [dict(p) for p in finding["parameters"]] or [{}]
         ]
         head = ("effect", "target", "parameter", *keys[1:])
         return {name: [row[k] for row in rows] for k, name in enumerate(head)}

@@ -1,15 +1,17 @@
-"""Entries of diagnosis.json: takes them as read, refuses what no replay could use.
+"""diagnosis.json (contract, section 2): its types, and what no replay could use.
 
 What a finding may state follows from what its effect declares.
 """
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+import json
+from collections.abc import Sequence
+from typing import Annotated, Required
 
 import numpy as np
+from pydantic import Field, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
 
-from ...documents import shorten_value
+from ...documents import explain_misfit, shorten_value
 from ...errors import InputError, UnknownNameError
 from ..effects import load_catalogue
 from ..effects.base import Effect
@@ -18,70 +20,190 @@ from ..effects.declaration import FindingField, ParameterSpec
 SIZE_WORDS = {2: "two", 3: "three", 4: "four", 6: "six"}  # sizes of vectors
 MAX_FINDING_VALUE = 1e12  # beyond it no robot has a parameter in any unit; chosen
 
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Unknown = Number | None  # what is not finite is null
+Value = Unknown | list[Unknown]  # a vector has a number for each component
 
-def check_entries(path: object, document: Mapping[str, Any]) -> None:
-    """Refuse findings and re-fitted values that say nothing a replay could use.
+
+class StatedParameter(TypedDict, total=False):
+    """A parameter of a finding; `given` is what the model states in its place."""
+
+    name: Required[str]
+    value: Required[Number | list[Number]]
+    low: Value
+    high: Value
+    given: Unknown
+    unit: str | None
+
+
+class SignalShare(TypedDict, total=False):
+    """A signal in which a finding shows."""
+
+    name: Required[str]
+    share_of_error: Unknown
+    p_value: Unknown
+
+
+class Window(TypedDict):
+    """A stretch of an episode [s]."""
+
+    episode: str
+    start: Unknown
+    end: Unknown
+
+
+class OnsetTime(TypedDict):
+    """When an effect set in [s], and the ends of its 90 % interval."""
+
+    episode: str
+    time: Unknown
+    low: Unknown
+    high: Unknown
+
+
+class Location(TypedDict, total=False):
+    """Where an effect lowers the error."""
+
+    signals: list[SignalShare]
+    regime: str
+    windows: list[Window]
+    onset: OnsetTime
+
+
+class Finding(TypedDict, total=False):
+    """An effect at a place; beside these, the fields that the effect declares."""
+
+    effect: Required[str]
+    target: Required[str]
+    parameters: Required[list[StatedParameter]]
+    equivalent: list[str]
+    separate_by: str
+    where: Location
+    evidence: dict[str, Unknown] | None
+    native: bool
+
+
+class Refit(TypedDict, total=False):
+    """A value that the model states, as given and re-fitted."""
+
+    parameter: Required[str]
+    given: Required[Number]
+    value: Required[Number]
+    low: Unknown
+    high: Unknown
+    unit: str | None
+
+
+class Confounded(TypedDict):
+    """Values that the recordings tell only together."""
+
+    together: list[str]
+    words: str
+    fixed_by: str
+
+
+class Errors(TypedDict, total=False):
+    """Errors of each model, and the floor."""
+
+    given: Unknown
+    refit: Unknown
+    patched: Unknown
+    floor: Unknown
+
+
+class KindErrors(Errors):
+    """Root mean square errors of one kind of signal [unit]."""
+
+    kind: str
+    unit: str
+
+
+class Scores(Errors, total=False):
+    """Normalized errors [1] of a replay, in segments of so many seconds if stated."""
+
+    seconds: Number
+    explainable_removed: Unknown
+    errors: list[KindErrors] | None
+
+
+class FitScores(Scores, total=False):
+    """Scores in whole held-out episodes, and in longer and longer segments."""
+
+    held_out: list[str]
+    horizons: list[Scores]
+
+
+Stop = TypedDict(
+    "Stop", {"while": str, "tried": int, "of": int, "not_tried": list[str]}
+)
+
+
+class Document(TypedDict, total=False):
+    """diagnosis.json."""
+
+    format: str
+    version: int
+    verdict: str
+    findings: Required[list[Finding]]
+    refit: Required[list[Refit]]
+    unidentified: list[Confounded]
+    fit: FitScores
+    unpatched: str
+    stopped: Stop
+
+
+_DOCUMENT = TypeAdapter(Document)
+
+
+def check_entries(path: object, document: Document) -> None:
+    """Refuse a document that says nothing a replay could use.
 
     Raises:
-        InputError: the first one, by file and entry, and what would fit.
+        InputError: the first misfit, by file and entry, and what would fit.
     """
-    checks = {
-        "findings": _check_finding,
-        "refit": _check_refit,
-    }
-    for key, check in checks.items():
-        entries = document.get(key)
-        if not isinstance(entries, list):
-            raise InputError(f"{path}: {key} is no list; would fit: a list of entries")
-        for i, entry in enumerate(entries):
-            where = f"{path}, {key}[{i}]"
-            if not isinstance(entry, dict):
-                raise _misfit_error(where, "the entry", entry, "an object with names")
-            check(where, entry)
+    text = json.dumps(document)
+    try:
+        _DOCUMENT.validate_json(text, strict=True)
+    except ValidationError as error:
+        place, wrong, fits = explain_misfit("", error, text)
+        end = fits and f"; would fit: {fits}"
+        raise InputError(f"{path}: {place} is {wrong}{end}") from error
+    for i, finding in enumerate(document["findings"]):
+        _check_finding(f"{path}, findings[{i}]", finding)
+    for i, entry in enumerate(document["refit"]):
+        given, value = entry["given"], entry["value"]
+        if given and abs(value) > MAX_FINDING_VALUE * abs(given):
+            fits = f"at most {MAX_FINDING_VALUE:g} times as much as given"
+            raise _misfit_error(f"{path}, refit[{i}]", "value", value, fits)
 
 
-def _check_finding(where: str, entry: Mapping[str, Any]) -> None:
+def _check_finding(where: str, entry: Finding) -> None:
     """Refuse a finding that contradicts what its effect declares."""
-    name = entry.get("effect")
-    if not isinstance(name, str):
-        fits = "a name that 'selfheal effects' lists"
-        raise _misfit_error(where, "effect", name, fits)
-    catalogue = load_catalogue()
+    name, catalogue = entry["effect"], load_catalogue()
     if name not in catalogue:
         raise UnknownNameError(f"effect in {where}:", name, catalogue)
     effect = catalogue[name]
-    _check_target(where, "target", entry.get("target"), effect.target_kinds)
-    _check_parameters(where, entry.get("parameters"), effect)
+    _check_target(where, "target", entry["target"], effect.target_kinds)
+    _check_parameters(where, entry["parameters"], effect)
     for field in effect.finding_fields:
         if field.is_required or field.name in entry:
             _check_field(where, entry.get(field.name), field)
     own = {field.name for field in effect.finding_fields}
     fields = {f.name for other in catalogue.values() for f in other.finding_fields}
-    for key in sorted(fields - own):
-        if key in entry:
-            raise _misfit_error(where, key, entry[key], f"no {key} beside {name}")
-    if not isinstance(native := entry.get("native", False), bool):
-        raise _misfit_error(where, "native", native, "true or false")
+    for key in sorted((fields - own) & entry.keys()):
+        raise _misfit_error(where, key, entry.get(key), f"no {key} beside {name}")
 
 
-def _check_target(where: str, key: str, target: Any, kinds: Sequence[str]) -> None:
-    """Refuse what is no target ("joint:knee", "world").
-
-    Args:
-        where: file and entry, for the message.
-    """
+def _check_target(where: str, key: str, target: object, kinds: Sequence[str]) -> None:
+    """Refuse what is no target ("joint:knee", "world")."""
     kind, colon, name = target.partition(":") if isinstance(target, str) else [""] * 3
     if kind not in kinds or (kind == "world") == bool(colon and name):
         fits = [k if k == "world" else f"{k}: and a name" for k in kinds]
         raise _misfit_error(where, key, target, ", ".join(fits))
 
 
-def _check_field(where: str, value: Any, field: FindingField) -> None:
-    """Refuse a value that a finding's field cannot have.
-
-    Args:
-        where: file and entry, for the message.
-    """
+def _check_field(where: str, value: object, field: FindingField) -> None:
+    """Refuse a value that a finding's field cannot have."""
     if field.target_kind:
         _check_target(where, field.name, value, (field.target_kind,))
     elif isinstance(value, bool) or value not in field.values:
@@ -89,76 +211,41 @@ def _check_field(where: str, value: Any, field: FindingField) -> None:
         raise _misfit_error(where, field.name, value, fits)
 
 
-def _check_parameters(where: str, entries: Any, effect: Effect) -> None:
-    """Refuse parameters that the effect does not declare.
-
-    Args:
-        where: file and entry, for the message.
-        entries: "parameters" of a finding, as read.
-    """
-    is_list = isinstance(entries, list)
-    if not is_list or not all(isinstance(p, dict) for p in entries):
-        fits = "a list, each with name and value"
-        raise _misfit_error(where, "parameters", entries, fits)
-    names = [p.get("name") for p in entries]
+def _check_parameters(
+    where: str, entries: Sequence[StatedParameter], effect: Effect
+) -> None:
+    """Refuse parameters that the effect does not declare."""
+    names = [entry["name"] for entry in entries]
     sets = effect.list_parameter_sets()
     if tuple(names) not in sets:
         fits = " or ".join(", ".join(each) or "none" for each in sets)
         raise _misfit_error(where, "names of parameters", names, fits)
     specs = {spec.name: spec for spec in effect.parameters}
     for entry in entries:
-        _check_value(where, entry.get("value"), specs[entry["name"]])
+        _check_value(where, entry["value"], specs[entry["name"]])
 
 
-def _check_value(where: str, value: Any, spec: ParameterSpec) -> None:
-    """Refuse a value of another size than declared, or of the wrong sign.
-
-    Args:
-        where: file and entry, for the message.
-    """
-    what = f"value of {spec.name}"
-    is_list = isinstance(value, list)
-    if spec.size is None and is_list:
-        if not value or not all(map(_is_number, value)):
-            fits = "a number, or one for each column"
-            raise _misfit_error(where, what, value, fits)
-    elif spec.size not in (None, 1):
-        if not is_list or len(value) != spec.size or not all(map(_is_number, value)):
-            fits = f"{SIZE_WORDS.get(spec.size, spec.size)} numbers"
-            raise _misfit_error(where, what, value, fits)
-    elif not _is_number(value):
-        raise _misfit_error(where, what, value, "a number")
-    elif spec.nonnegative and value < 0:
-        raise _misfit_error(where, what, value, "0 or more")
-    if np.max(np.abs(value)) > MAX_FINDING_VALUE:
+def _check_value(
+    where: str, value: float | Sequence[float], spec: ParameterSpec
+) -> None:
+    """Refuse a value of another size than declared, of the wrong sign, or huge."""
+    size = len(value) if isinstance(value, Sequence) else None
+    numbers = np.atleast_1d(np.array(value, float))
+    if spec.size is None:
+        fits = "" if size != 0 else "a number, or one for each column"
+    elif spec.size == 1:
+        fits = "" if size is None else "a number"
+    else:
+        count = SIZE_WORDS.get(spec.size, spec.size)
+        fits = "" if size == spec.size else f"{count} numbers"
+    if not fits and spec.nonnegative and (numbers < 0).any():
+        fits = "0 or more"
+    if not fits and np.abs(numbers).max() > MAX_FINDING_VALUE:
         fits = f"{-MAX_FINDING_VALUE:g} to {MAX_FINDING_VALUE:g}"
-        raise _misfit_error(where, what, value, fits)
+    if fits:
+        raise _misfit_error(where, f"value of {spec.name}", value, fits)
 
 
-def _check_refit(where: str, entry: Mapping[str, Any]) -> None:
-    """Refuse a re-fitted value without a name and two numbers."""
-    if not isinstance(entry.get("parameter"), str):
-        fits = "a text such as 'joint:knee/damping'"
-        raise _misfit_error(where, "parameter", entry.get("parameter"), fits)
-    for key in ("given", "value"):
-        if not _is_number(entry.get(key)):
-            raise _misfit_error(where, key, entry.get(key), "a number")
-    given, value = entry["given"], entry["value"]
-    if given and abs(float(value)) > MAX_FINDING_VALUE * abs(given):
-        fits = f"at most {MAX_FINDING_VALUE:g} times as much as given"
-        raise _misfit_error(where, "value", value, fits)
-
-
-def _is_number(value: Any) -> bool:
-    """Whether a value is a finite number that a double holds."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
-    try:
-        return math.isfinite(float(value))
-    except OverflowError:
-        return False
-
-
-def _misfit_error(where: str, what: str, value: Any, fits: str) -> InputError:
-    """The error of a value that is wrong."""
+def _misfit_error(where: str, what: str, value: object, fits: str) -> InputError:
+    """The error of a value that is wrong, by file and entry."""
     return InputError(f"{where}: {what} is {shorten_value(value)}; would fit: {fits}")

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 import h5py
@@ -18,12 +17,11 @@ from ...errors import InputError
 from ...files import check_writable, lock_file, make_write_error
 from ...mjcf.xml_text import encode_text
 from ..estimation.information import Information
-from .schema import check_entries
+from .schema import Document, check_entries
 
-FILES = (
-    "diagnosis.json", "patched.xml", "patched.diff", "report.html", "actuators.yaml",
-    "actuators_isaaclab.py", "actuators_mjlab.py",
-)  # fmt: skip
+PATCHED = ("patched.xml", "patched.diff")
+ACTUATORS = ("actuators.yaml", "actuators_isaaclab.py", "actuators_mjlab.py")
+FILES = ("diagnosis.json", *PATCHED, "report.html", *ACTUATORS)
 URDF, INFORMATION = "patched.urdf", "information.h5"  # that a diagnosis may lack
 ALL_FILES = (*FILES, URDF, INFORMATION)
 
@@ -166,7 +164,7 @@ def _replace_folder(new: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def read_document(folder: str | os.PathLike[str]) -> dict[str, Any]:
+def read_document(folder: str | os.PathLike[str]) -> Document:
     """The checked diagnosis.json of a folder.
 
     Raises:
