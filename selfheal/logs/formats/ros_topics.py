@@ -61,12 +61,15 @@ class Decoder:
     def learn(self, content: bytes) -> None:
         """Look which columns a message has."""
         self.learned += 1
+        times = dict[str, float]()
         for part in self.walk(content):
             for name in part.list_columns():
                 if len(self._columns) < MAX_COLUMNS:
                     self._columns.setdefault(name, part.is_time)
-            if part.is_time and part.path in self._stamps:
-                self._stamps[part.path].append(float(part.values))
+            if part.is_time:
+                times[part.path] = float(part.values)
+        for name, stamps in self._stamps.items():
+            stamps.append(times.get(name, np.nan))
 
     def make_stream(self, count: int) -> Stream:
         """The stream of the topic, which has so many messages."""
