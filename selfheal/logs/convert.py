@@ -45,7 +45,7 @@ def import_logs(
         report: is told the file that is read and the share of it, from 0 to 1.
 
     Returns:
-        What was written and what was mended.
+        What was written, and what of the logs was not taken as it is.
 
     Raises:
         InputError: log, map and model do not fit together, or nothing can be written.

@@ -109,7 +109,7 @@ class Converter:
     def convert(self, made: ImportReport) -> Iterator[tuple[str, Iterator[Episode]]]:
         """The episodes, each in parts, by id."""
         streams = {source.name: self._read_time(source) for source in self._streams}
-        spans, mended = split_episodes(streams, self.log_map.episodes)
+        spans = split_episodes(streams, self.log_map.episodes, made)
         for number, span in enumerate(spans):
             times = {n: take_rows(streams[n].time, r) for n, r in span.rows.items()}
             clocks = {
@@ -122,7 +122,7 @@ class Converter:
                 continue
             start, held = self._find_first_commands(span, clocks, base)
             first = int(np.searchsorted(base, start))
-            mended.before_command += first
+            made.before_command += first
             base = base[first:]
             self._check_size(base)
             name = self._name_episode(number, span)
@@ -136,7 +136,6 @@ class Converter:
                 EpisodeReport(name, float(base[0]), seconds, base.size, rates)
             )
             yield name, self._convert_span(span, clocks, base, held)
-        made.add_mended(mended)
 
     def _find_clock(self, stream: Stream) -> tuple[Clock, str]:
         """The clock of a stream and the column of its time, "" if it has none."""
