@@ -64,7 +64,7 @@ class Converter:
         prefix: of the ids of its episodes.
         used: ids that are taken.
         remarks: what a user should look at.
-        told: numbers of the channels in which there was a number.
+        read: numbers of the channels in which there was a number.
     """
 
     log: Log
@@ -74,7 +74,7 @@ class Converter:
     prefix: str
     used: set[str] = field(default_factory=set)
     remarks: list[str] = field(default_factory=list)
-    told: set[int] = field(default_factory=set)
+    read: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         """Look which streams are needed, and when their rows were measured."""
@@ -276,7 +276,7 @@ class Converter:
                 for key, clock in clocks.items()
             }
             blocks = [self._read_block(c, found, time.size) for c in self.channels]
-            self.told |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
+            self.read |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
             if any(channel.missing is not None for channel in self.channels):
                 kept = _find_read(self.channels, blocks)
                 time, blocks = time[kept], [block[kept] for block in blocks]
