@@ -179,7 +179,7 @@ def _import_logs(
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import read_map
     from selfheal.logs.open_log import open_log
-    from selfheal.recording import list_model_names, load_model
+    from selfheal.recording import load_model
 
     from ._import import print_import, summarize_import
 
@@ -187,10 +187,13 @@ def _import_logs(
     opened = [open_log(path) for path in paths]
     with ProgressBar("reading", as_json=as_json, asked=asked) as bar:
         report = import_logs(
-            opened, log_map, list_model_names(compiled), out,
-            map_name=str(map_file), model=compiled,
+            opened,
+            log_map,
+            compiled,
+            out,
+            map_name=str(map_file),
             report=lambda file, share: bar.show(f"reading {file}", share),
-        )  # fmt: skip
+        )
     if as_json:
         print_json(summarize_import(report, out))
     else:

@@ -29,7 +29,6 @@ def import_by_selfheal(path: str) -> None:
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import parse_map
     from selfheal.logs.open_log import open_log
-    from selfheal.recording import list_model_names
 
     log = open_log(path)
     chosen = [
@@ -58,7 +57,7 @@ def import_by_selfheal(path: str) -> None:
     time = {} if several else {"column": "time"}
     log_map = parse_map({"signals": signals, "time": time}, "map")
     with tempfile.TemporaryDirectory(dir=Path(path).parent) as folder:
-        import_logs([log], log_map, list_model_names(model), Path(folder) / "r.h5")
+        import_logs([log], log_map, model, Path(folder) / "r.h5")
 
 
 def read_by_pandas(path: str) -> None:

@@ -18,7 +18,7 @@ from selfheal.logs.log_map import COMMAND, ColumnRule, EpisodeRule, LogMap, Time
 from selfheal.logs.open_log import open_log
 from selfheal.preparation.drives import Gains
 from selfheal.preparation.prepare import prepare_model, write_model
-from selfheal.recording import KINDS, Recording, list_model_names, load_model, read
+from selfheal.recording import KINDS, Recording, load_model, read
 from selfheal.telemetry import Fault
 from selfheal.telemetry.fault import Correction, ModelCorrection
 from selfheal.telemetry.map_corrections import correct_rules
@@ -52,8 +52,7 @@ class Files:
         table, out = self.folder / "log.csv", self.folder / "recording.h5"
         export_recording(self.recording, table, to="csv")
         model = load_model(self.model)
-        names = list_model_names(model)
-        import_logs([open_log(table)], self.log_map, names, out, model=model)
+        import_logs([open_log(table)], self.log_map, model, out)
         return read(out), model
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from ..errors import InputError
 
 MIN_ROWS = 2  # of a log; by definition of a motion
-Values = NDArray[np.float64] | NDArray[np.object_]  # (n), one a row
+Floats = NDArray[np.float64]
+Values = NDArray[np.float64 | np.object_]  # (n), one a row
 Rows = Mapping[str, Values]  # columns of some rows, by name
 Report = Callable[[float], None]  # is told the share of a log that was read
 

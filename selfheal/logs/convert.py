@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 from ..errors import InputError
 from ..printable import join_names
-from ..recording import NO_ACTUATORS, Episode, ModelNames, open_writer
+from ..recording import (
+    NO_ACTUATORS,
+    Episode,
+    ModelNames,
+    list_model_names,
+    open_writer,
+)
 from .base import Log, check_rows
 from .converter import Converter, Report
 from .import_report import ImportReport
@@ -30,35 +36,38 @@ READING_SHARE = 0.5
 def import_logs(
     logs: Sequence[Log],
     log_map: LogMap,
-    names: ModelNames,
+    model: "mujoco.MjModel",
     path: str | os.PathLike[str],
     *,
     map_name: str = "map",
-    model: "mujoco.MjModel | None" = None,
     report: Report | None = None,
 ) -> ImportReport:
     """Write the recording of logs.
 
     Args:
         logs: of one robot; each holds one or more episodes.
-        model: compiled; with it the clocks of streams are compared.
+        model: compiled.
         report: is told the file that is read and the share of it, from 0 to 1.
 
     Returns:
-        What was written and what was mended.
+        What was written, and what of the logs was not taken as it is.
 
     Raises:
         InputError: log, map and model do not fit together, or nothing can be written.
         RecordingError: a converted value breaks the contract.
     """
-    made = ImportReport()
+    made, names = ImportReport(), list_model_names(model)
     resolved = [_resolve_log(log, log_map, names, map_name) for log in logs]
-    _note_assumed(resolved[0], made)
+    for channel in resolved[0]:
+        if channel.assumed:
+            unit = channel.unit or "the model's unit"
+            what = f"{channel.kind} of {channel.target}"
+            made.assumed.setdefault(unit, []).append(what)
     robot = next((log.robot for log in logs if log.robot), None)
     source = ", ".join(log.path.name for log in logs)
     sizes = [_measure_size(log.path) for log in logs]
     compression = "gzip" if sum(sizes) < _LARGE else None
-    rows, told = 0, set[tuple[str, str]]()
+    rows, read = 0, set[tuple[str, str]]()
     with open_writer(path, robot, source, compression=compression) as writer:
         for k, (log, channels) in enumerate(zip(logs, resolved, strict=True)):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
@@ -71,16 +80,16 @@ def import_logs(
                 for episode_id, parts in converter.convert(made):
                     for part in parts:
                         writer.append(episode_id, part)
-                        if model is not None and not made.offsets:
+                        if not made.offsets:
                             _compare_clocks(part, channels, model, made)
                 made.remarks += converter.remarks
-                told |= {(channels[i].kind, channels[i].target) for i in converter.told}
+                read |= {(channels[i].kind, channels[i].target) for i in converter.read}
         check_rows(logs[0].path, rows)
         if not made.episodes:
             raise InputError(
                 f"{', '.join(str(log.path) for log in logs)}: no row is left to import"
             )
-    made.remarks += _list_remarks(resolved, told, names)
+    made.remarks += _list_remarks(resolved, read, names)
     return made
 
 
@@ -96,17 +105,17 @@ def _resolve_log(
 
 def _list_remarks(
     resolved: Sequence[Sequence[Channel]],
-    told: Collection[tuple[str, str]],
+    read: Collection[tuple[str, str]],
     names: ModelNames,
 ) -> Iterator[str]:
     """What a user should look at: signals without a number, a model without actuators.
 
     Args:
         resolved: channels of each log.
-        told: kind and target of those in which there was a number.
+        read: kind and target of those in which there was a number.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
-    empty = [c for c in signals if (c.kind, c.target) not in told]
+    empty = [c for c in signals if (c.kind, c.target) not in read]
     if columns := dict.fromkeys(repr(n) for c in empty for n in c.columns):
         yield f"no number was taken from {join_names(columns)}: an empty signal"
     if not names.controls:
@@ -143,12 +152,3 @@ def _compare_clocks(
     made.offsets = estimate_offsets(part, streams, model)
     sources = {c.target: c.stream for c in channels if c.kind == COMMAND and c.columns}
     made.lag = find_common_lag(part, streams, sources, model)
-
-
-def _note_assumed(channels: Sequence[Channel], made: ImportReport) -> None:
-    for channel in channels:
-        if channel.assumed:
-            unit = channel.unit or "the model's unit"
-            made.assumed.setdefault(unit, []).append(
-                f"{channel.kind} of {channel.target}"
-            )

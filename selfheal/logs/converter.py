@@ -1,9 +1,9 @@
 """A log on its way into a recording: takes columns from the disk, gives episodes."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..files import MAX_VALUES
 from ..recording import Episode, Signal
-from .base import Log, Stream
+from .base import Floats, Log, Stream
 from .guessing.clocks import check_time_unit
 from .import_report import EpisodeReport, ImportReport
 from .log_map import COMMAND, Clock, LogMap
@@ -20,7 +20,6 @@ from .spool import Spool
 from .timeline import (
     TIME_RESOLUTION,
     FoundRows,
-    Indices,
     Span,
     StreamTime,
     clip_times,
@@ -33,11 +32,24 @@ from .timeline import (
 )
 from .units import get_unit
 
-Floats = NDArray[np.float64]
 _BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
 _RATE_ROWS = 100_000  # of which a stream's rate is the median; chosen: the first ones
 Clocks = Mapping[tuple[str, float], Floats]  # by stream and delay [s]
 Report = Callable[[str, float], None]  # is told a file and the share of it that is read
+
+
+class _Source(NamedTuple):
+    """A stream, its clock, and the columns of its time and its labels ("" if none)."""
+
+    stream: Stream
+    clock: Clock
+    time: str
+    label: str
+
+    @property
+    def name(self) -> str:
+        """Of the stream."""
+        return self.stream.name
 
 
 @dataclass
@@ -52,7 +64,7 @@ class Converter:
         prefix: of the ids of its episodes.
         used: ids that are taken.
         remarks: what a user should look at.
-        told: numbers of the channels in which there was a number.
+        read: numbers of the channels in which there was a number.
     """
 
     log: Log
@@ -62,22 +74,28 @@ class Converter:
     prefix: str
     used: set[str] = field(default_factory=set)
     remarks: list[str] = field(default_factory=list)
-    told: set[int] = field(default_factory=set)
+    read: set[int] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        """Look which streams are needed, and when their rows were measured."""
+        used = {channel.stream for channel in self.channels if channel.columns}
+        marks = self.log_map.episodes.stream
+        self._streams = [
+            _Source(stream, *self._find_clock(stream), self._find_label(stream))
+            for stream in self.log.streams
+            if stream.name in used or stream.name == marks
+        ]
 
     def read_log(self, report: Report | None) -> None:
         """Bring all columns that are needed to the disk."""
-        wanted = dict[str, list[str]]()
-        for stream in self._list_streams():
-            columns = [
-                c for ch in self.channels if ch.stream == stream.name
-                for c in ch.columns
-            ]  # fmt: skip
-            more = [self._find_clock(stream)[1], self._find_label(stream)]
-            columns += [name for name in more if name]
-            wanted[stream.name] = list(dict.fromkeys(columns))
+        wanted = {source.name: {source.time, source.label} for source in self._streams}
+        for channel in self.channels:
+            if channel.columns:
+                wanted[channel.stream] |= {*channel.columns}
+        columns = {name: sorted(some - {""}) for name, some in wanted.items()}
         name = self.log.path.name
         tell = None if report is None else partial(report, name)
-        for stream_name, rows in self.log.read(wanted, tell):
+        for stream_name, rows in self.log.read(columns, tell):
             self.spool.append(stream_name, rows)
         for channel in self.channels:
             for column in channel.columns:
@@ -90,36 +108,34 @@ class Converter:
 
     def convert(self, made: ImportReport) -> Iterator[tuple[str, Iterator[Episode]]]:
         """The episodes, each in parts, by id."""
-        streams = {s.name: self._read_time(s) for s in self._list_streams()}
-        spans, mended = split_episodes(streams, self.log_map.episodes)
+        streams = {source.name: self._read_time(source) for source in self._streams}
+        spans = split_episodes(streams, self.log_map.episodes, made)
         for number, span in enumerate(spans):
             times = {n: take_rows(streams[n].time, r) for n, r in span.rows.items()}
-            clocks = self._make_clocks(times)
+            clocks = {
+                (c.stream, c.delay): times[c.stream] - c.delay
+                for c in self.channels
+                if c.columns
+            }
             base = clip_times(self.log_map.time, merge_times(list(clocks.values())))
             if not base.size:
                 continue
             start, held = self._find_first_commands(span, clocks, base)
             first = int(np.searchsorted(base, start))
-            mended.before_command += first
+            made.before_command += first
             base = base[first:]
             self._check_size(base)
             name = self._name_episode(number, span)
-            rates = {n: 1 / float(np.median(np.diff(t[:_RATE_ROWS])))
-                     for n, t in times.items() if t.size > 1}  # fmt: skip
+            rates = {
+                n: 1 / float(np.median(np.diff(time[:_RATE_ROWS])))
+                for n, time in times.items()
+                if time.size > 1
+            }
             seconds = float(base[-1] - base[0])
             made.episodes.append(
                 EpisodeReport(name, float(base[0]), seconds, base.size, rates)
             )
             yield name, self._convert_span(span, clocks, base, held)
-        made.add_mended(mended)
-
-    def _list_streams(self) -> list[Stream]:
-        """Streams of which something is needed, in the order of the log."""
-        used = {channel.stream for channel in self.channels if channel.columns}
-        marks = self.log_map.episodes.stream
-        if marks is not None:
-            used.add(marks)
-        return [stream for stream in self.log.streams if stream.name in used]
 
     def _find_clock(self, stream: Stream) -> tuple[Clock, str]:
         """The clock of a stream and the column of its time, "" if it has none."""
@@ -148,37 +164,28 @@ class Converter:
             return column if column in stream.columns else ""
         return stream.episode if rule.gap is None and rule.stream is None else ""
 
-    def _read_time(self, stream: Stream) -> StreamTime:
+    def _read_time(self, source: _Source) -> StreamTime:
         """When the rows of a stream were measured."""
-        clock, column = self._find_clock(stream)
-        rows = self.spool.rows.get(stream.name, 0)
+        clock, column = source.clock, source.time
+        factor = source.stream.period or 0.0
         if clock.rate is not None:
             factor = 1 / clock.rate
         elif column:
             factor = get_unit((clock.column and clock.unit) or "s").factor
-        else:
-            factor = stream.period or 0.0
-        values = self.spool.read(stream.name, column) if column else None
+        values = self.spool.read(source.name, column) if column else None
         if values is not None and clock.column:
             what = f"{self.log.path}: column {column!r}"
-            if odd := check_time_unit(clock, what, values):
-                self.remarks.append(odd)
-        label = self._find_label(stream)
-        time = read_clock(clock, values, rows, factor)
-        if not label:
+            if doubt := check_time_unit(clock, what, values):
+                self.remarks.append(doubt)
+        time = read_clock(clock, values, self.spool.rows.get(source.name, 0), factor)
+        if not source.label:
             return StreamTime(time)
+        labels = self.spool.read(source.name, source.label)
         try:
-            return StreamTime(time, read_labels(self.spool.read(stream.name, label)))
+            return StreamTime(time, read_labels(labels))
         except InputError as error:
-            raise InputError(f"{self.log.path}: column {label!r} {error}") from error
-
-    def _make_clocks(self, times: Mapping[str, Floats]) -> Clocks:
-        """(n) [s] of streams, by each delay of their channels earlier."""
-        keys = {(c.stream, c.delay) for c in self.channels if c.columns}
-        return {
-            (stream, delay): times[stream] - delay if delay else times[stream]
-            for stream, delay in keys
-        }
+            where = f"{self.log.path}: column {source.label!r}"
+            raise InputError(f"{where} {error}") from error
 
     def _find_first_commands(
         self, span: Span, clocks: Clocks, base: Floats
@@ -194,61 +201,35 @@ class Converter:
         """
         commands = [c for c in self.channels if c.kind == COMMAND]
         start = float(base[0])
-        for channel in filter(lambda c: c.columns, commands):
-            clock = clocks[channel.stream, channel.delay]
-            first = self._find_command(channel, span, range(0, clock.size, _BLOCK))
-            if first is None:
-                raise InputError(
-                    f"{self.log.path}: an episode has no command of {channel.target}: "
-                    f"no number in column {channel.columns[0]!r}"
-                )
-            start = max(start, float(clock[first[0]]))
+        for channel in commands:
+            if channel.columns:
+                time, _ = self._read_command(channel, span, clocks)
+                start = max(start, float(time[0]))
         held = np.array([c.offset[0] for c in commands])
         for k, channel in enumerate(commands):
-            if not channel.columns:
-                continue
-            clock = clocks[channel.stream, channel.delay]
-            end = int(np.searchsorted(clock, start + TIME_RESOLUTION, side="right"))
-            blocks = range(max(end - _BLOCK, 0), -1, -_BLOCK)
-            last = self._find_command(channel, span, [*blocks, 0], end)
-            assert last is not None  # there is one at or before `start`
-            held[k] = channel.convert(np.array([last[1]]))[0]
+            if channel.columns:
+                time, values = self._read_command(channel, span, clocks)
+                last = np.searchsorted(time, start + TIME_RESOLUTION, side="right") - 1
+                held[k] = channel.convert(values[[last]])[0]
         return start, held
 
-    def _find_command(
-        self,
-        channel: Channel,
-        span: Span,
-        blocks: Iterable[int],
-        end: int | None = None,
-    ) -> tuple[int, float] | None:
-        """The first number of a command's column, or the last before a row.
-
-        Args:
-            blocks: first rows of the blocks to look into, in this order.
-            end: row of the episode before which the last one is sought; None: the
-                first one is.
-
-        Returns:
-            Its row in the episode and the number; None where there is none.
-        """
-        for low in blocks:
-            high = low + _BLOCK if end is None else min(low + _BLOCK, end)
-            rows = span.rows[channel.stream][low:high]
-            if not rows.size:
-                continue
-            values = self._read_rows(channel.stream, channel.columns[0], rows)
-            valid = np.flatnonzero(np.isfinite(values))
-            if valid.size:
-                row = int(valid[0 if end is None else -1])
-                return low + row, float(values[row])
-        return None
-
-    def _read_rows(self, stream: str, column: str, rows: Indices) -> Floats:
-        """Rows (n) of a column, which lie near each other."""
-        first = int(rows.min())
-        piece = self.spool.read(stream, column, first, int(rows.max()) + 1)
-        return take_rows(piece, rows - first)
+    def _read_command(
+        self, channel: Channel, span: Span, clocks: Clocks
+    ) -> tuple[Floats, Floats]:
+        """Times (n) [s] and numbers (n) of a command's column in an episode."""
+        rows = span.rows[channel.stream]
+        values = np.empty(0)
+        if rows.size:
+            first, end = int(rows.min()), int(rows.max()) + 1
+            piece = self.spool.read(channel.stream, channel.columns[0], first, end)
+            values = take_rows(piece, rows - first)
+        known = np.isfinite(values)
+        if not known.any():
+            raise InputError(
+                f"{self.log.path}: an episode has no command of {channel.target}: "
+                f"no number in column {channel.columns[0]!r}"
+            )
+        return clocks[channel.stream, channel.delay][known], values[known]
 
     def _check_size(self, base: Floats) -> None:
         """Refuse what no recording can hold."""
@@ -263,9 +244,8 @@ class Converter:
     def _name_episode(self, number: int, span: Span) -> str:
         """An id that no other episode has."""
         label = ""
-        for stream in self._list_streams():
-            column = self._find_label(stream)
-            texts = self.spool.get_labels(stream.name, column) if column else {}
+        for source in self._streams:
+            texts = self.spool.get_labels(source.name, source.label)
             label = texts.get(span.label, label)
         if not label:
             label = f"{number if span.label < 0 else span.label:03d}"
@@ -296,22 +276,20 @@ class Converter:
                 for key, clock in clocks.items()
             }
             blocks = [self._read_block(c, found, time.size) for c in self.channels]
-            self.told |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
+            self.read |= {k for k, b in enumerate(blocks) if np.isfinite(b).any()}
             if any(channel.missing is not None for channel in self.channels):
                 kept = _find_read(self.channels, blocks)
                 time, blocks = time[kept], [block[kept] for block in blocks]
-            ctrl = np.column_stack([blocks[k][:, 0] for k in commands] or [
-                np.empty((time.size, 0))])  # fmt: skip
+            ctrl = np.empty((time.size, len(commands)))
+            for column, k in enumerate(commands):
+                ctrl[:, column] = blocks[k][:, 0]
             held = _hold(ctrl, held)
-            signals = {
-                name: Signal(
-                    blocks[k] if _is_vector(self.channels[k]) else blocks[k][:, 0],
-                    self.channels[k].kind,
-                    self.channels[k].target,
-                    self.channels[k].unit,
-                )
-                for k, name in names.items()
-            }
+            signals = dict[str, Signal]()
+            for k, name in names.items():
+                channel, values = self.channels[k], blocks[k]
+                values = values if len(channel.columns) > 1 else values[:, 0]
+                about = channel.kind, channel.target, channel.unit
+                signals[name] = Signal(values, *about)
             targets = tuple(self.channels[k].target for k in commands)
             yield Episode(time - base[0], ctrl, targets, signals)
 
@@ -342,16 +320,15 @@ class Converter:
         return values
 
 
-def _find_read(channels: Sequence[Channel], blocks: Sequence[Floats]) -> NDArray[Any]:
+def _find_read(
+    channels: Sequence[Channel], blocks: Sequence[Floats]
+) -> NDArray[np.bool_]:
     """Rows (T) in which something was read: blocks (T, d) of channels."""
-    read = [np.isfinite(block).any(axis=1)
-            for channel, block in zip(channels, blocks, strict=True)
-            if channel.columns]  # fmt: skip
+    pairs = zip(channels, blocks, strict=True)
+    read = [
+        np.isfinite(block).any(axis=1) for channel, block in pairs if channel.columns
+    ]
     return np.any(read, axis=0)
-
-
-def _is_vector(channel: Channel) -> bool:
-    return len(channel.columns) > 1
 
 
 def _hold(ctrl: Floats, before: Floats) -> Floats:

@@ -5,16 +5,15 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InputError, UnknownNameError
-from ..recording import KINDS, NO_ACTUATORS, ModelNames
-from ..recording.data import name_signal
-from .base import Log, Stream
+from ..recording import KINDS, NO_ACTUATORS, ModelNames, Target
+from ..recording.data import Kind, name_signal
+from .base import Floats, Log, Stream
 from .log_map import COMMAND, ColumnRule
 from .units import find_unit, get_unit, list_units
 
-Floats = NDArray[np.float64]
+_KINDS = {**KINDS, COMMAND: Kind("actuator", ())}
 
 
 @dataclass(frozen=True)
@@ -68,36 +67,35 @@ def resolve_rules(
         InputError: a name that the log or the model lacks, a unit or a number of
             columns that does not fit.
     """
-    found, seen = list[Channel](), dict[tuple[str, str], str]()
+    found = dict[tuple[str, str], Channel]()
     for number, rule in enumerate(rules):
         place = f"{file}: signals[{number}] ({rule.kind})"
         try:
             for channel in _resolve_rule(rule, log, names):
                 key = channel.kind, channel.target
-                if key in seen:
+                if key in found:
                     raise InputError(f"{channel.target!r} has columns already")
-                seen[key] = place
-                found.append(channel)
+                found[key] = channel
         except InputError as error:
             raise InputError(f"{place}: {error}") from error
-    return found
+    return list(found.values())
 
 
 def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Channel]:
-    if rule.kind not in KINDS and rule.kind != COMMAND:
-        raise UnknownNameError("kind", rule.kind, (*KINDS, COMMAND))
+    """The channels of a rule, one for each target."""
+    kind = _KINDS.get(rule.kind)
+    if kind is None:
+        raise UnknownNameError("kind", rule.kind, _KINDS)
     stream, columns, stars = _find_columns(rule.columns, log.streams)
     targets = list(rule.targets) or stars or [""]
-    sort = "actuator" if rule.kind == COMMAND else KINDS[rule.kind].target
-    known: Collection[str] = names.targets[sort]
-    if rule.kind == COMMAND and not names.controls:
-        raise InputError(f"the model has no actuators; {NO_ACTUATORS}")
+    known: Collection[str] = names.targets[kind.target]
     if rule.kind == COMMAND:
         known = names.commands
+        if not known:
+            raise InputError(f"the model has no actuators; {NO_ACTUATORS}")
     for target in targets:
-        may_lack = rule.kind != COMMAND and KINDS[rule.kind].may_lack_target
-        if target not in known and not (may_lack and not target):
-            raise UnknownNameError(f"{sort} of the model", target, known)
+        if target not in known and not (kind.may_lack_target and not target):
+            raise UnknownNameError(f"{kind.target} of the model", target, known)
     if not columns and rule.kind != COMMAND:
         raise InputError("it has no columns; only a command can be a constant")
     widths = [max(1, _find_width(rule.kind, t, names)) for t in targets]
@@ -112,50 +110,44 @@ def _resolve_rule(rule: ColumnRule, log: Log, names: ModelNames) -> Iterator[Cha
         raise InputError("sign must be 1 or -1")
     factors = signs * _spread("scale", rule.scale, spread)
     offsets = _spread("offset", rule.offset, spread)
-    start = 0
-    for target, width in zip(targets, widths, strict=True):
-        part = slice(start, start + width)
-        start += width
-        made = _make_channel(
-            rule, target, names, stream, columns[part], factors[part], offsets[part]
+    for target, width, end in zip(targets, widths, np.cumsum(widths), strict=True):
+        part = slice(end - width, end)
+        channel = Channel(
+            kind=rule.kind,
+            target=target,
+            unit=rule.unit or _find_common_unit(stream, columns[part]),
+            stream=stream.name if stream else "",
+            columns=_order_columns(rule, columns[part]),
+            factor=factors[part],
+            offset=offsets[part],
+            delay=rule.delay,
+            missing=rule.missing,
+            beside=tuple(columns),
         )
-        yield replace(made, missing=rule.missing, beside=tuple(columns))
+        yield _settle_unit(channel, rule, names)
 
 
-def _make_channel(
-    rule: ColumnRule,
-    target: str,
-    names: ModelNames,
-    stream: Stream | None,
-    columns: list[str],
-    factor: Floats,
-    offset: Floats,
-) -> Channel:
-    """One channel of a rule; its units settled."""
-    fits = _list_fitting_units(rule.kind, target, names)
-    stated = rule.unit or _find_common_unit(stream, columns)
-    unit, assumed = fits[0] if fits else stated, False
+def _settle_unit(channel: Channel, rule: ColumnRule, names: ModelNames) -> Channel:
+    """A channel whose unit is as stated, in the recording's unit."""
+    known = _find_target(channel.kind, channel.target, names)
+    unit = known.units.get(channel.kind) if known else None
+    fits = (unit,) if unit else _KINDS[channel.kind].units
     if rule.from_range or rule.to_range:
-        ends = rule.to_range or _find_range(rule.kind, target, names)
-        factor, offset = _map_range(rule, ends, factor, offset)
-    elif stated:
-        known = get_unit(stated)
-        if fits and known.si not in fits:
+        ends = rule.to_range or (known.range if known else None)
+        channel = replace(channel, unit=fits[0] if fits else channel.unit)
+        return _map_range(channel, rule, ends)
+    if channel.unit:
+        stated = get_unit(channel.unit)
+        if fits and stated.si not in fits:
             raise InputError(
-                f"unit {stated!r} does not fit {target!r}; would fit: "
+                f"unit {channel.unit!r} does not fit {channel.target!r}; would fit: "
                 f"{', '.join(list_units(fits[0]))}"
             )
-        unit = known.si
-        offset = offset + factor * known.offset
-        factor = factor * known.factor
-    else:
-        assumed = bool(columns) and rule.scale == 1
-    if rule.kind == "body_orientation":
-        columns = _order_quaternion(rule.order, columns)
-    return Channel(
-        rule.kind, target, unit, stream.name if stream else "", tuple(columns),
-        factor, offset, rule.delay, assumed=assumed,
-    )  # fmt: skip
+        factor = channel.factor * stated.factor
+        offset = channel.offset + channel.factor * stated.offset
+        return replace(channel, unit=stated.si, factor=factor, offset=offset)
+    assumed = bool(channel.columns) and rule.scale == 1
+    return replace(channel, unit=fits[0] if fits else "", assumed=assumed)
 
 
 def _find_columns(
@@ -207,21 +199,17 @@ def _find_stream(text: str, streams: Sequence[Stream]) -> tuple[Stream, str]:
     raise UnknownNameError("stream", text.partition(":")[0], (s.name for s in streams))
 
 
+def _find_target(kind: str, target: str, names: ModelNames) -> Target | None:
+    """What the model says of a target; of a command, of its actuator."""
+    if kind == COMMAND:
+        target = names.controls[names.commands.index(target)].actuator
+    return names.targets[_KINDS[kind].target].get(target)
+
+
 def _find_width(kind: str, target: str, names: ModelNames) -> int:
     """Columns of a signal; 0 of a plain one."""
-    if kind == COMMAND:
-        return 0
-    width = KINDS[kind].width
+    width = _KINDS[kind].width
     return (names.targets["sensor"][target].width or 0) if width is None else width
-
-
-def _list_fitting_units(kind: str, target: str, names: ModelNames) -> tuple[str, ...]:
-    """SI units of a target's signal; empty where any may be."""
-    if kind == COMMAND:
-        return ()
-    known = names.targets[KINDS[kind].target].get(target)
-    unit = known.units.get(kind) if known else None
-    return (unit,) if unit else KINDS[kind].units
 
 
 def _find_common_unit(stream: Stream | None, columns: Sequence[str]) -> str:
@@ -233,32 +221,14 @@ def _find_common_unit(stream: Stream | None, columns: Sequence[str]) -> str:
     return stated if find_unit(stated) else ""
 
 
-def _find_range(
-    kind: str, target: str, names: ModelNames
-) -> tuple[float, float] | None:
-    """Limits of a target's joint in the model [rad or m]; None where it has none.
-
-    Args:
-        kind: of the signal, or "command".
-    """
-    if kind == COMMAND:
-        kind, target = (
-            "joint_torque", names.controls[names.commands.index(target)].actuator
-        )  # fmt: skip
-    known = names.targets[KINDS[kind].target].get(target)
-    return known.range if known else None
-
-
 def _map_range(
-    rule: ColumnRule, ends: tuple[float, float] | None, factor: Floats, offset: Floats
-) -> tuple[Floats, Floats]:
-    """Factor (d) and offset (d) of a range of the log and one of the model.
+    channel: Channel, rule: ColumnRule, ends: tuple[float, float] | None
+) -> Channel:
+    """A channel whose columns are shares of a range, with the model's range.
 
     Args:
         rule: that states the range of the log.
         ends: of the range in the model [its unit].
-        factor: (d) signs and scales.
-        offset: (d) [the model's unit].
     """
     if not rule.from_range:
         raise InputError("to_range needs from_range")
@@ -272,16 +242,17 @@ def _map_range(
     if low == high:
         raise InputError("from_range must have two values that differ")
     slope = (top - bottom) / (high - low)
-    return slope * factor, bottom - slope * low * factor + offset
+    offset = bottom - slope * low * channel.factor + channel.offset
+    return replace(channel, factor=slope * channel.factor, offset=offset)
 
 
-def _order_quaternion(order: str, columns: list[str]) -> list[str]:
-    """Columns of a quaternion in the order w x y z."""
-    if order == "wxyz":
-        return columns
-    if order == "xyzw":
-        return [columns[3], *columns[:3]]
-    raise UnknownNameError("order", order, ("wxyz", "xyzw"))
+def _order_columns(rule: ColumnRule, columns: Sequence[str]) -> tuple[str, ...]:
+    """Columns of a target, those of a quaternion in the order w x y z."""
+    if rule.kind != "body_orientation" or rule.order == "wxyz":
+        return tuple(columns)
+    if rule.order == "xyzw":
+        return (columns[3], *columns[:3])
+    raise UnknownNameError("order", rule.order, ("wxyz", "xyzw"))
 
 
 def _spread(what: str, values: float | Sequence[float], count: int) -> Floats:

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from .base import Floats
 from .log_map import Clock, EpisodeRule, TimeBase
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
 # [s]; times that differ by less are one: what float64 resolves of seconds since 1970
 TIME_RESOLUTION = 5e-7
@@ -44,13 +44,13 @@ class Span:
 
 
 @dataclass
-class Mended:
+class RowCounts:
     """Rows that were not taken as the log has them.
 
     Attributes:
-        sorted: rows that stood behind a later one.
-        dropped: rows whose time another row of the stream has, or that have none.
-        before_command: rows before the first command of their episode.
+        sorted: rows that stood behind a later one and were sorted in.
+        dropped: rows without a time or with one that another row has.
+        before_command: rows left out before the first command of their episode.
     """
 
     sorted: int = 0
@@ -92,37 +92,38 @@ def read_labels(values: Floats) -> Indices:
 
 
 def split_episodes(
-    streams: Mapping[str, StreamTime], rule: EpisodeRule
-) -> tuple[list[Span], Mended]:
+    streams: Mapping[str, StreamTime], rule: EpisodeRule, counts: RowCounts
+) -> list[Span]:
     """Part streams into episodes.
 
     An episode ends where the label changes and where the marking stream has a row. It
     ends where no stream has a row for longer than the gap, too, and where the time of a
     lone stream begins again.
 
+    Args:
+        counts: to which the rows are added that are not taken as they are.
+
     Returns:
-        Episodes in the order of time, or of the log where its time begins again; and
-        how many rows were mended.
+        Episodes in the order of time, or of the log where its time begins again.
 
     Raises:
         InputError: the time of one of several streams begins again.
     """
-    mended = Mended()
     if len(streams) == 1:
         ((name, stream),) = streams.items()
         spans = [
-            Span(label, {name: _sort_rows(stream.time, rows, mended)})
+            Span(label, {name: _sort_rows(stream.time, rows, counts)})
             for label, rows in split_rows(stream)
         ]
     else:
-        spans = _split_streams(streams, mended)
+        spans = _split_streams(streams, counts)
     marks = streams[rule.stream].time if rule.stream is not None else np.empty(0)
     found = [
         part
         for span in spans
         for part in _cut_span(span, streams, rule.gap or np.inf, np.sort(marks))
     ]
-    return [span for span in found if any(map(len, span.rows.values()))], mended
+    return [span for span in found if any(map(len, span.rows.values()))]
 
 
 def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
@@ -143,16 +144,15 @@ def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
             yield label, _count_rows(start, end)
 
 
-def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Span]:
+def _split_streams(streams: Mapping[str, StreamTime], counts: RowCounts) -> list[Span]:
     """Episodes of several streams, which share a time that never begins again."""
     for name, stream in streams.items():
         if stream.label is None and len(list(split_rows(stream))) > 1:
-            raise InputError(
-                f"the time of {name} begins again, and the log holds several streams; "
-                "would fit: [time] with a column that does not, or a file a run"
-            )
-    every = {n: _sort_rows(s.time, _count_rows(0, s.time.size), mended)
-             for n, s in streams.items()}  # fmt: skip
+            raise _make_time_error(name)
+    every = {
+        name: _sort_rows(stream.time, _count_rows(0, stream.time.size), counts)
+        for name, stream in streams.items()
+    }
     labeled = next((n for n, s in streams.items() if s.label is not None), None)
     if labeled is None:
         return [Span(-1, every)]
@@ -160,16 +160,22 @@ def _split_streams(streams: Mapping[str, StreamTime], mended: Mended) -> list[Sp
     parts = list(split_rows(owner))
     starts = np.array([owner.time[rows[0]] for _, rows in parts])
     if (np.diff(starts) <= 0).any():
-        raise InputError(
-            f"the time of {labeled} begins again, and the log holds several streams; "
-            "would fit: [time] with a column that does not, or a file a run"
-        )
-    where = {n: np.searchsorted(starts, streams[n].time[rows], side="right") - 1
-             for n, rows in every.items()}  # fmt: skip
+        raise _make_time_error(labeled)
+    where = {
+        name: np.searchsorted(starts, streams[name].time[rows], side="right") - 1
+        for name, rows in every.items()
+    }
     return [
         Span(label, {n: rows[where[n] == k] for n, rows in every.items()})
         for k, (label, _) in enumerate(parts)
     ]
+
+
+def _make_time_error(name: str) -> InputError:
+    return InputError(
+        f"the time of {name} begins again, and the log holds several streams; would "
+        "fit: [time] with a column that does not, or a file a run"
+    )
 
 
 def _count_rows(start: int, end: int) -> Indices:
@@ -189,7 +195,7 @@ def take_rows(values: Floats, rows: Indices) -> Floats:
     return values[shorten_rows(rows)]
 
 
-def _sort_rows(time: Floats, rows: Indices, mended: Mended) -> Indices:
+def _sort_rows(time: Floats, rows: Indices, counts: RowCounts) -> Indices:
     """Rows by time, each time once, those without a time left out."""
     values = take_rows(time, rows)
     if (np.diff(values) > TIME_RESOLUTION).all() and np.isfinite(values[-1:]).all():
@@ -198,12 +204,12 @@ def _sort_rows(time: Floats, rows: Indices, mended: Mended) -> Indices:
     values = time[valid]
     if (np.diff(values) < 0).any():
         late = values < np.maximum.accumulate(values)
-        mended.sorted += int(late.sum())
+        counts.sorted += int(late.sum())
         valid = valid[np.argsort(values, kind="stable")]
         values = time[valid]
     new = np.ones(valid.size, dtype=bool)
     new[1:] = np.diff(values) > TIME_RESOLUTION
-    mended.dropped += int(rows.size - new.sum())
+    counts.dropped += int(rows.size - new.sum())
     return valid[new]
 
 

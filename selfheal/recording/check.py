@@ -1,17 +1,21 @@
 """Checks of contract section 1: takes a Recording, returns nothing or refuses it."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..printable import join_names, quote_name
-from .data import KINDS, Episode, EpisodeTable, Floats, Kind, Location, Signal
+from .data import KINDS, Episode, Floats, Kind, Location, Signal
+
+if TYPE_CHECKING:
+    from .recording import Recording
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
 MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
 
 
-def validate(recording: EpisodeTable) -> None:
+def validate(recording: "Recording") -> None:
     """Refuse what breaks the contract and needs no model to see.
 
     Raises:
@@ -40,11 +44,8 @@ def check_episode(name: str, episode: Episode, file: str) -> None:
     _check_time(episode.time, place)
     _check_ctrl(episode, place)
     _check_state(episode, place)
-    for what, values in (
-        ("time", episode.time), ("ctrl", episode.ctrl),
-        ("qpos0", episode.qpos0), ("qvel0", episode.qvel0),
-    ):  # fmt: skip
-        _check_magnitude(what, values, place)
+    for what in ("time", "ctrl", "qpos0", "qvel0"):
+        _check_magnitude(what, getattr(episode, what), place)
     for signal_name, signal in episode.signals.items():
         where = Location(file, name, signal_name)
         _check_id(signal_name, where)
@@ -145,7 +146,9 @@ def _check_signal(signal: Signal, samples: int, place: Location) -> None:
 
 def _check_values(signal: Signal, kind: Kind, samples: int, place: Location) -> None:
     values = signal.values
-    if not _shape_fits(values.shape, kind.width, samples):
+    shape = (samples, *values.shape[1:2]) if kind.width is None else (samples,)
+    shape = (samples, kind.width) if kind.width else shape
+    if values.shape != shape or 0 in shape[1:]:
         fits = {
             0: f"({samples},)",
             None: f"({samples},) or ({samples}, d)",
@@ -160,16 +163,6 @@ def _check_values(signal: Signal, kind: Kind, samples: int, place: Location) -> 
     _check_magnitude("it", values, place)
     if signal.kind == "body_orientation":
         _check_norm(values, place)
-
-
-def _shape_fits(shape: tuple[int, ...], width: int | None, samples: int) -> bool:
-    if width is None:
-        return shape[:1] == (samples,) and (len(shape) == 1 or _is_wide(shape))
-    return shape == ((samples, width) if width else (samples,))
-
-
-def _is_wide(shape: tuple[int, ...]) -> bool:
-    return len(shape) == 2 and shape[1] > 0
 
 
 def _check_norm(quaternion: Floats, place: Location) -> None:

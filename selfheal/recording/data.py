@@ -1,8 +1,7 @@
 """The nouns of contract section 1: arrays in, frozen records of one robot out."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,26 +67,6 @@ class Episode:
         )
 
 
-class EpisodeTable(Protocol):
-    """What is checked and written: a `Recording`, or a part of one."""
-
-    @property
-    def episodes(self) -> Mapping[str, Episode]:
-        """Episodes by id."""
-
-    @property
-    def robot(self) -> str | None:
-        """Label or None."""
-
-    @property
-    def source(self) -> str | None:
-        """Where the data come from, or None."""
-
-    @property
-    def file(self) -> str:
-        """Name for messages."""
-
-
 @dataclass(frozen=True)
 class Kind:
     """What the contract says of one kind of signal.
@@ -137,7 +116,7 @@ class Location:
         return RecordingError(f"{place}: {problem}")
 
 
-def name_signal(kind: str, target: str, taken: Mapping[str, Any]) -> str:
+def name_signal(kind: str, target: str, taken: Container[str]) -> str:
     """A name for a signal that no other has: "elbow_position", say.
 
     Args:

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..printable import quote_name
 from .check import format_names
 from .controls import Control, assign_columns
-from .data import KINDS, Episode, EpisodeTable, Location, Signal
+from .data import KINDS, Episode, Location, Signal
+
+if TYPE_CHECKING:
+    from .recording import Recording
 
 # what to do about a model without actuators, at the end of a message
 NO_ACTUATORS = (
@@ -54,7 +58,7 @@ class ModelNames:
         return [control.full_name for control in self.controls]
 
 
-def check_against_model(recording: EpisodeTable, names: ModelNames) -> None:
+def check_against_model(recording: "Recording", names: ModelNames) -> None:
     """Refuse a recording that speaks of what the model does not have.
 
     Raises:
@@ -63,10 +67,8 @@ def check_against_model(recording: EpisodeTable, names: ModelNames) -> None:
     for name, episode in recording.episodes.items():
         place = Location(recording.file, name)
         _check_actuators(episode, names, place)
-        for what, state, size in (
-            ("qpos0", episode.qpos0, names.nq),
-            ("qvel0", episode.qvel0, names.nv),
-        ):
+        for what, size in (("qpos0", names.nq), ("qvel0", names.nv)):
+            state = getattr(episode, what)
             if state is not None and state.size != size:
                 raise place.make_error(
                     f"{what} has {state.size} values; the model has {size}"
@@ -99,8 +101,7 @@ def _check_actuators(episode: Episode, names: ModelNames, place: Location) -> No
     if missing := [name for name in model if name in fits and name not in have]:
         raise place.make_error(
             f"ctrl has no column for actuator {format_names(missing)} of the model; "
-            f"each "
-            "actuator needs its command"
+            "each actuator needs its command"
         )
     if sorted(assigned) != list(range(len(fits))):
         raise place.make_error(
@@ -127,12 +128,9 @@ def _check_target(signal: Signal, names: ModelNames, place: Location) -> None:
         )
     width = signal.values.shape[1] if signal.values.ndim > 1 else 0
     if target.width not in (None, width):
+        samples = len(signal.values)
+        fits = f"({samples}, {target.width})" if target.width else f"({samples},)"
         raise place.make_error(
             f"shape {signal.values.shape} does not fit {kind.target} "
-            f"{quote_name(signal.target)}; would fit: "
-            f"{_format_shape(len(signal.values), target.width)}"
+            f"{quote_name(signal.target)}; would fit: {fits}"
         )
-
-
-def _format_shape(samples: int, width: int | None) -> str:
-    return f"({samples}, {width})" if width else f"({samples},)"

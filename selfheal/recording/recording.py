@@ -1,28 +1,48 @@
 """What one robot did and felt: made of files, of arrays or of tables; checked."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol, TypedDict, Unpack
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError, UnknownNameError
 from ..extras import import_extra
 from ..notebook import Columns, format_columns, open_axes
 from ..printable import make_printable
 from .check import validate
-from .data import KINDS, Episode, Signal, name_signal
+from .data import KINDS, Episode, Floats, Signal, name_signal
 from .model import ModelNames, check_against_model
 from .names import read_names
 from .table import build_table, list_signals
 from .writing import write
 
 if TYPE_CHECKING:
+    import pandas
     from matplotlib.axes import Axes
 
-# targets by kind, what is measured of each
-Table = Mapping[str, Mapping[str, Any]]
+
+class EpisodeDetails(TypedDict, total=False):
+    """What else may be known of an episode: see `Episode` and `Recording`."""
+
+    episode: str
+    qpos0: ArrayLike | None
+    qvel0: ArrayLike | None
+    motion: str | None
+    robot: str | None
+    source: str | None
+
+
+class DataFrame(Protocol):
+    """What pandas and polars have in common."""
+
+    @property
+    def columns(self) -> Iterable[object]:
+        """Names."""
+
+    def __getitem__(self, name: str, /) -> object: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +65,12 @@ class Recording:
     @classmethod
     def from_arrays(
         cls,
-        time: Any,
-        ctrl: Mapping[str, Any],
-        signals: Mapping[str, Mapping[str, Any]],
+        time: ArrayLike,
+        ctrl: Mapping[str, ArrayLike],
+        signals: Mapping[str, Mapping[str, ArrayLike]],
         *,
         model: str | os.PathLike[str] | None = None,
-        **more: Any,
+        **more: Unpack[EpisodeDetails],
     ) -> "Recording":
         """Make a recording of one episode of arrays, and check it.
 
@@ -69,17 +89,46 @@ class Recording:
             RecordingError: it breaks the contract; says where and what would fit.
             InputError: an array that holds no numbers, or a name that is none.
         """
+        if unknown := more.keys() - EpisodeDetails.__annotations__.keys():
+            raise TypeError(f"unexpected keywords: {', '.join(sorted(unknown))}")
         names = None if model is None else read_names(model)
-        return _build_recording(time, ctrl, signals, names=names, **more)
+        stamps = _to_floats("time", time)
+        commands = _stack_commands(ctrl, stamps.shape)
+        found = dict[str, Signal]()
+        for kind, table in signals.items():
+            if kind not in KINDS:
+                raise UnknownNameError("kind of signal", kind, KINDS)
+            for target, values in table.items():
+                array = _to_floats(f"{kind} of {target!r}", values)
+                unit = _find_unit(kind, target, names)
+                name = name_signal(kind, target, found)
+                found[name] = Signal(array, kind, target, unit)
+        episode = Episode(
+            stamps,
+            commands,
+            tuple(ctrl),
+            found,
+            qpos0=_to_state("qpos0", more.get("qpos0")),
+            qvel0=_to_state("qvel0", more.get("qvel0")),
+            motion=more.get("motion"),
+        )
+        episodes = {more.get("episode", "000"): episode}
+        recording = cls(episodes, more.get("robot"), more.get("source"))
+        validate(recording)
+        if names is not None:
+            check_against_model(recording, names)
+        return recording
 
     @classmethod
     def from_dataframe(
         cls,
-        frame: Any,
+        frame: DataFrame,
         time: str,
         ctrl: Mapping[str, str],
-        signals: Mapping[str, Mapping[str, Any]],
-        **more: Any,
+        signals: Mapping[str, Mapping[str, str | Sequence[str]]],
+        *,
+        model: str | os.PathLike[str] | None = None,
+        **more: Unpack[EpisodeDetails],
     ) -> "Recording":
         """Make a recording of one episode of a table, and check it.
 
@@ -89,13 +138,29 @@ class Recording:
             ctrl: name of a column by actuator, or control, as `from_arrays` has it.
             signals: name of a column, or a list of names for a vector, by kind and
                 target.
-            **more: as `from_arrays` takes it.
+            model: as `from_arrays` takes it.
+            **more: likewise.
 
         Raises:
             RecordingError: it breaks the contract.
             InputError: the table lacks a column, or one holds no numbers.
         """
-        return cls.from_arrays(*_read_table(frame, time, ctrl, signals), **more)
+        columns = [str(name) for name in frame.columns]
+
+        def take(name: str | Sequence[str]) -> ArrayLike:
+            if not isinstance(name, str):
+                return np.stack([np.asarray(take(part)) for part in name], axis=1)
+            if name not in columns:
+                raise UnknownNameError("column", name, columns)
+            return np.asarray(frame[name])
+
+        return cls.from_arrays(
+            take(time),
+            {actuator: take(name) for actuator, name in ctrl.items()},
+            {k: {t: take(n) for t, n in table.items()} for k, table in signals.items()},
+            model=model,
+            **more,
+        )
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Check this recording and write it, whole or not at all.
@@ -106,7 +171,7 @@ class Recording:
         """
         write(self, path)
 
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> "pandas.DataFrame":
         """All samples as a data frame of pandas, NaN where one is missing.
 
         Columns are `episode`, `time`, `ctrl/NAME` and `signals/NAME`, or of a vector
@@ -190,63 +255,7 @@ class Recording:
         return {name: [row[k] for row in rows] for k, name in enumerate(head)}
 
 
-def _build_recording(
-    time: Any,
-    ctrl: Mapping[str, Any],
-    signals: Table,
-    *,
-    names: ModelNames | None = None,
-    episode: str = "000",
-    qpos0: Any = None,
-    qvel0: Any = None,
-    motion: str | None = None,
-    robot: str | None = None,
-    source: str | None = None,
-) -> Recording:
-    """A recording of one episode; see `Recording.from_arrays`.
-
-    Args:
-        time: (T) [s].
-        ctrl: (T) by actuator.
-        signals: (T) or (T, d) by kind and target.
-        names: of the model, which has the units; None: those of hinges.
-        qpos0: (nq) position at time[0], or None.
-        qvel0: (nv) velocity at time[0], or None.
-        motion: label or None.
-        robot: label or None.
-        source: where the data come from, or None.
-
-    Raises:
-        RecordingError: it breaks the contract.
-        UnknownNameError: a kind that is none.
-        InputError: an array that holds no numbers, or rows that do not fit.
-    """
-    stamps = _to_floats("time", time)
-    held = _stack_commands(ctrl, stamps.shape)
-    made = dict[str, Signal]()
-    for kind, table in signals.items():
-        if kind not in KINDS:
-            raise UnknownNameError("kind of signal", kind, KINDS)
-        for target, values in table.items():
-            signal = Signal(
-                _to_floats(f"{kind} of {target!r}", values),
-                kind, target, _find_unit(kind, target, names),
-            )  # fmt: skip
-            made[name_signal(kind, target, made)] = signal
-    part = Episode(
-        stamps, held, tuple(ctrl), made,
-        None if qpos0 is None else _to_floats("qpos0", qpos0),
-        None if qvel0 is None else _to_floats("qvel0", qvel0),
-        motion,
-    )  # fmt: skip
-    recording = Recording({episode: part}, robot, source)
-    validate(recording)
-    if names is not None:
-        check_against_model(recording, names)
-    return recording
-
-
-def _stack_commands(ctrl: Mapping[str, Any], shape: tuple[int, ...]) -> np.ndarray:
+def _stack_commands(ctrl: Mapping[str, ArrayLike], shape: tuple[int, ...]) -> Floats:
     """Commands by actuator as one array (T, nu), each of a shape (T)."""
     columns = [_to_floats(f"ctrl of {name!r}", ctrl[name]) for name in ctrl]
     for name, column in zip(ctrl, columns, strict=True):
@@ -257,39 +266,6 @@ def _stack_commands(ctrl: Mapping[str, Any], shape: tuple[int, ...]) -> np.ndarr
     return np.stack(columns, axis=1) if columns else np.empty((*shape[:1], 0))
 
 
-def _read_table(
-    frame: Any, time: str, ctrl: Mapping[str, str], signals: Table
-) -> tuple[Any, dict[str, Any], dict[str, dict[str, Any]]]:
-    """Arrays of a table's columns, as `build_recording` takes them.
-
-    Args:
-        frame: pandas or polars data frame, or anything that gives a column by name.
-        time: name of the column of times [s].
-        signals: names of columns, or a list of them for a vector, by kind and target.
-
-    Returns:
-        time (T), ctrl (T) by actuator, signals (T) or (T, d) by kind and target.
-
-    Raises:
-        UnknownNameError: a column that the table does not have.
-    """
-    columns = [str(name) for name in frame.columns]
-
-    def take(name: Any) -> Any:
-        if not isinstance(name, str):
-            return np.stack([take(part) for part in name], axis=1)
-        if name not in columns:
-            raise UnknownNameError("column", name, columns)
-        return np.asarray(frame[name])
-
-    return (
-        take(time),
-        {actuator: take(name) for actuator, name in ctrl.items()},
-        {kind: {target: take(name) for target, name in table.items()}
-         for kind, table in signals.items()},
-    )  # fmt: skip
-
-
 def _find_unit(kind: str, target: str, names: ModelNames | None) -> str:
     """The unit of a signal: the model's where it says one."""
     known = names.targets[KINDS[kind].target].get(target) if names else None
@@ -297,7 +273,11 @@ def _find_unit(kind: str, target: str, names: ModelNames | None) -> str:
     return stated or (*KINDS[kind].units, "1")[0]
 
 
-def _to_floats(what: str, values: Any) -> np.ndarray:
+def _to_state(what: str, values: ArrayLike | None) -> Floats | None:
+    return None if values is None else _to_floats(what, values)
+
+
+def _to_floats(what: str, values: ArrayLike) -> Floats:
     """An array (...) of float64."""
     try:
         return np.asarray(values, dtype=np.float64)

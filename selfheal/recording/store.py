@@ -3,7 +3,6 @@
 import os
 import shlex
 from dataclasses import dataclass, replace
-from typing import Any
 
 import h5py
 import numpy as np
@@ -197,7 +196,7 @@ def _read_signal(dataset: h5py.Dataset, place: Location) -> Signal:
     return Signal(_read_floats(dataset), kind, target, unit)
 
 
-def _find_member(parent: h5py.Group, name: str, place: Location) -> Any:
+def _find_member(parent: h5py.Group, name: str, place: Location) -> h5py.HLObject:
     # asked of the link itself: `name in parent` would open the file it points to
     links, key = parent.id.links, name.encode()
     if not links.exists(key):
@@ -242,11 +241,13 @@ def _read_floats(dataset: h5py.Dataset) -> Floats:
     return np.asarray(dataset[()], dtype=np.float64)
 
 
-def _read_label(item: Any, name: str, place: Location) -> str | None:
+def _read_label(item: h5py.HLObject, name: str, place: Location) -> str | None:
     return _read_text(item, name, place) if name in item.attrs else None
 
 
-def _read_text(item: Any, name: str, place: Location, fits: str = "a text") -> str:
+def _read_text(
+    item: h5py.HLObject, name: str, place: Location, fits: str = "a text"
+) -> str:
     value = item.attrs.get(name)
     if isinstance(value, bytes):
         return value.decode()
@@ -259,7 +260,7 @@ def _read_text(item: Any, name: str, place: Location, fits: str = "a text") -> s
     return str(value)
 
 
-def _to_python(value: Any) -> Any:
+def _to_python(value: object) -> object:
     """What numpy holds, as Python says it."""
     return value.tolist() if isinstance(value, np.generic | np.ndarray) else value
 

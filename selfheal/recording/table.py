@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from .data import Episode, EpisodeTable, Floats
+from .data import Episode, Floats
 
 if TYPE_CHECKING:
     import pyarrow
+
+    from .recording import Recording
 
 SIGNALS, PREDICTED = "signals", "predicted"  # first parts of columns' names
 _UNIT = b"unit"  # of a field's metadata
@@ -54,7 +56,7 @@ def list_signals(
 
 
 def list_columns(
-    recording: EpisodeTable, predicted: EpisodeTable | None, name: str
+    recording: "Recording", predicted: "Recording | None", name: str
 ) -> dict[str, tuple[Floats, str]]:
     """Values (T) and unit of all columns of an episode, by their names.
 
@@ -67,7 +69,7 @@ def list_columns(
 
 
 def build_table(
-    recording: EpisodeTable, predicted: EpisodeTable | None = None
+    recording: "Recording", predicted: "Recording | None" = None
 ) -> "pyarrow.Table":
     """Arrow's table of all episodes, null where a sample is missing.
 
@@ -83,12 +85,11 @@ def build_table(
 
     parts = {n: list_columns(recording, predicted, n) for n in recording.episodes}
     units = _merge_units(recording, parts)
-    schema = pa.schema([
-        pa.field("episode", pa.string()),
-        pa.field("time", pa.float64(), metadata={_UNIT: b"s"}),
-        *(pa.field(name, pa.float64(), metadata={_UNIT: unit.encode()})
-          for name, unit in units.items()),
-    ])  # fmt: skip
+    fields = [
+        pa.field(name, pa.float64(), metadata={_UNIT: unit.encode()})
+        for name, unit in {"time": "s", **units}.items()
+    ]
+    schema = pa.schema([pa.field("episode", pa.string()), *fields])
     tables = []
     for name, columns in parts.items():
         time = recording.episodes[name].time
@@ -106,7 +107,7 @@ def build_table(
 
 
 def _merge_units(
-    recording: EpisodeTable,
+    recording: "Recording",
     parts: Mapping[str, Mapping[str, tuple[Floats, str]]],
 ) -> dict[str, str]:
     """The unit of each column of any episode."""

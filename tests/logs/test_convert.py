@@ -1,5 +1,6 @@
 """Logs become recordings: values, times, commands and episodes are those of the log."""
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -7,8 +8,9 @@ from selfheal.errors import InputError
 from selfheal.logs import converter
 from selfheal.logs.convert import import_logs
 from selfheal.recording import read
-from tests.support.logs.table_log import NAMES, TableLog, make_map
+from tests.support.logs.table_log import LEG, TableLog, make_map
 
+MODEL = mujoco.MjModel.from_xml_string(LEG)
 COMMANDS = """
 [[signals]]
 kind = "command"
@@ -33,7 +35,7 @@ def _table(rows=50, start=0.0):
 
 def _import(log, text, tmp_path, **more):
     logs = log if isinstance(log, list) else [log]
-    made = import_logs(logs, make_map(text), NAMES, tmp_path / "rec.h5", **more)
+    made = import_logs(logs, make_map(text), MODEL, tmp_path / "rec.h5", **more)
     return read(tmp_path / "rec.h5"), made
 
 

@@ -1,17 +1,19 @@
 """Columns of Apache Arrow: takes arrays of any type, gives numbers and texts."""
 
-from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..base import Values
+from ..base import Floats, Values
 from .common import MAX_ELEMENTS, convert_cells
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
 
 
-def convert_array(array: Any) -> Values:
+def convert_array(array: "pa.Array") -> Values:
     """An Arrow array (n) of numbers, times or texts; NaN where it has none."""
     import pyarrow as pa
     import pyarrow.compute as pc
@@ -31,26 +33,20 @@ def convert_array(array: Any) -> Values:
         texts = ["" if cell is None else str(cell) for cell in array.to_pylist()]
         return convert_cells(texts)
     numbers = pc.cast(array, pa.float64(), safe=False)
-    values: Values = numbers.to_numpy(zero_copy_only=False)
+    values: Floats = numbers.to_numpy(zero_copy_only=False)
     return values if scale == 1 else values / scale
 
 
-def is_numeric(kind: Any) -> bool:
+def is_numeric(kind: "pa.DataType") -> bool:
     """Whether an Arrow type is of numbers that float64 can stand for."""
     import pyarrow as pa
 
-    return any(
-        (
-            pa.types.is_integer(kind),
-            pa.types.is_floating(kind),
-            pa.types.is_boolean(kind),
-            pa.types.is_decimal(kind),
-            pa.types.is_null(kind),
-        )
-    )
+    t = pa.types
+    tests = (t.is_integer, t.is_floating, t.is_boolean, t.is_decimal, t.is_null)
+    return any(test(kind) for test in tests)
 
 
-def is_readable(kind: Any) -> bool:
+def is_readable(kind: "pa.DataType") -> bool:
     """Whether values of an Arrow type become one column."""
     import pyarrow as pa
 
@@ -58,12 +54,11 @@ def is_readable(kind: Any) -> bool:
         return is_readable(kind.value_type)
     if pa.types.is_string(kind) or pa.types.is_large_string(kind):
         return True
-    return is_numeric(kind) or (
-        pa.types.is_temporal(kind) and not pa.types.is_interval(kind)
-    )
+    is_time = pa.types.is_temporal(kind) and not pa.types.is_interval(kind)
+    return is_time or is_numeric(kind)
 
 
-def is_list(kind: Any) -> bool:
+def is_list(kind: "pa.DataType") -> bool:
     """Whether values of an Arrow type are vectors of numbers."""
     import pyarrow as pa
 
@@ -71,7 +66,7 @@ def is_list(kind: Any) -> bool:
     return any(test(kind) for test in lists) and is_numeric(kind.value_type)
 
 
-def find_width(array: Any) -> int:
+def find_width(array: "pa.Array | pa.ChunkedArray") -> int:
     """Elements of the longest vector of an Arrow array; 0 where they are too many."""
     import pyarrow.compute as pc
 
@@ -79,21 +74,13 @@ def find_width(array: Any) -> int:
     return width if width <= MAX_ELEMENTS else 0
 
 
-def part_vectors(array: Any, wanted: Sequence[int]) -> list[Values]:
-    """Elements of the vectors of an Arrow array (n): one (n) for each that is wanted.
-
-    An element that a vector lacks is NaN.
-    """
+def convert_vectors(array: "pa.Array") -> Floats:
+    """Vectors of an Arrow array as (n, d), NaN where one lacks elements."""
     import pyarrow.compute as pc
 
+    array = pc.list_slice(array, 0, MAX_ELEMENTS, return_fixed_size_list=False)
     lengths = pc.fill_null(pc.list_value_length(array), 0)
-    lengths = lengths.to_numpy(zero_copy_only=False).astype(np.int64)
-    flat = convert_array(array.flatten())  # without those of vectors that are null
-    starts = np.cumsum(lengths) - lengths
-    columns = list[Values]()
-    for k in wanted:
-        column = np.full(len(lengths), np.nan)
-        has = lengths > k
-        column[has] = flat[starts[has] + k]
-        columns.append(column)
-    return columns
+    lengths = lengths.to_numpy(zero_copy_only=False)[:, None]
+    found = np.full((len(array), lengths.max(initial=0)), np.nan)
+    found[np.arange(found.shape[1]) < lengths] = convert_array(array.flatten())
+    return found

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from ... import extras
 from ...documents import shorten_value
 from ...errors import InputError
 from ...printable import make_printable
-from ..base import Log, Values
+from ..base import Floats, Log, Values
 
 MAX_COLUMNS = 10_000  # of a stream; chosen: ten times those of a humanoid's whole state
 # elements of a vector that become columns each; chosen: above any state of a robot,
@@ -26,7 +26,7 @@ CUT_LINE = "the last line is cut off"
 PIECE_VALUES = 1_000_000  # of a piece of a stream; chosen: 8 MB as float64
 
 
-def import_extra(module: str, what: str) -> Any:
+def import_extra(module: str, what: str) -> ModuleType:
     """A module of a library that only the extra `logs` installs.
 
     Args:
@@ -136,7 +136,7 @@ def check_wanted(log: Log, wanted: Mapping[str, Sequence[str]]) -> None:
                 )
 
 
-def convert_cells(cells: Sequence[Any]) -> Values:
+def convert_cells(cells: Sequence[object]) -> Values:
     """Cells of a column (n) as numbers; as texts, where one of them is a text."""
     if any(isinstance(cell, str) for cell in cells):
         texts = np.empty(len(cells), dtype=object)
@@ -148,9 +148,17 @@ def convert_cells(cells: Sequence[Any]) -> Values:
         return np.array([convert_number(cell) for cell in cells], dtype=float)
 
 
-def convert_number(cell: Any) -> float:
+def convert_number(cell: object) -> float:
     """A cell as a number; NaN where it is none."""
     try:
-        return float(cell)
+        return float(cell)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
         return np.nan
+
+
+def pad_rows(rows: Sequence[Sequence[object]]) -> Floats:
+    """Rows (n) of numbers as (n, d), NaN where one has fewer than the longest."""
+    found = np.full((len(rows), max(map(len, rows), default=0)), np.nan)
+    for padded, row in zip(found, rows, strict=True):
+        padded[: len(row)] = [convert_number(cell) for cell in row]
+    return found

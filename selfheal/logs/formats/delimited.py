@@ -5,25 +5,29 @@ import csv
 import gzip
 import io
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import InputError
-from ..base import Log, LogFormat, Report, Rows, Stream, Values
+from ..base import Log, LogFormat, Values
 from .arrow import convert_array
 from .common import (
     CUT_LINE,
-    check_wanted,
     clean_text,
     explain_damage,
     get_size,
-    name_elements,
+    pad_rows,
     read_start,
 )
 from .dialect import COMMENTS, MISSING, Dialect, find_dialect, part_list
+from .tables import Blocks, Cell, Table, TableLog
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
 _BLOCK = 1_000_000  # bytes that are parsed at once; chosen: a line has fewer
@@ -58,7 +62,8 @@ class DelimitedFormat(LogFormat):
             found = _sniff(path)
         except (OSError, EOFError, ValueError):
             return False
-        return found is not None and "number" in found.kinds
+        columns = found.columns.values() if found else ()
+        return any(column.kind == "number" for column in columns)
 
     def open(self, path: Path) -> Log:
         """Open a table."""
@@ -69,10 +74,10 @@ class DelimitedFormat(LogFormat):
                 f"{path}: no table: its first lines are not rows of equally many "
                 "cells that a comma, a semicolon, a tab or a blank separates"
             )
-        return DelimitedLog(path, dialect)
+        return TableLog(path, [_make_table(path, dialect)], "table")
 
 
-def _open_text(path: Path) -> Any:
+def _open_text(path: Path) -> gzip.GzipFile | io.BufferedReader:
     """Open a text file to read its bytes, which gzip may have packed."""
     packed = read_start(path).startswith(_GZIP)
     return gzip.open(path) if packed else path.open("rb")
@@ -85,7 +90,7 @@ def _sniff(path: Path) -> Dialect | None:
         return find_dialect(sample, whole=not file.read(1)) if sample else None
 
 
-class _RowText(io.RawIOBase):
+class _RowText(io.BufferedIOBase):
     """The text of a table as pyarrow reads it.
 
     It is UTF-8, without comments where there are some. One blank stands for any run
@@ -96,8 +101,8 @@ class _RowText(io.RawIOBase):
         is_cut: whether it was left out.
     """
 
-    def __init__(self, file: Any, dialect: Dialect) -> None:
-        self.is_cut = False
+    def __init__(self, file: io.BufferedIOBase, dialect: Dialect) -> None:
+        self.is_cut = self._is_last = False
         self._file, self._dialect = file, dialect
         self._decode = codecs.getincrementaldecoder(dialect.encoding)().decode
         self._rest, self._ready = b"", b""
@@ -106,23 +111,22 @@ class _RowText(io.RawIOBase):
         """True."""
         return True
 
-    def readinto(self, buffer: Any) -> int:
-        """Fill a buffer with whole lines of the file, as far as they go."""
-        is_last = False
-        while not self._ready and not is_last:
+    def read(self, size: int | None = _BLOCK, /) -> bytes:
+        """Whole lines of the file, but for where the size ends [B]."""
+        size = size or 0
+        while len(self._ready) < size and not self._is_last:
             read = self._file.read(_BLOCK)
-            is_last = not read
+            self._is_last = not read
             if self._dialect.encoding != "utf-8":
-                read = self._decode(read, is_last).encode()
+                read = self._decode(read, self._is_last).encode()
             read = self._rest + read
-            end = self._find_last_line(read) if is_last else _find_end(read)
-            lines, self._rest = read[:end], read[end:] * (not is_last)
+            end = self._find_last_line(read) if self._is_last else _find_end(read)
+            lines, self._rest = read[:end], read[end:] * (not self._is_last)
             if len(self._rest) > _BLOCK:
                 raise InputError("a line is too long")
-            self._ready = self._clean(lines)
-        count = min(len(buffer), len(self._ready))
-        buffer[:count], self._ready = self._ready[:count], self._ready[count:]
-        return count
+            self._ready += self._clean(lines)
+        found, self._ready = self._ready[:size], self._ready[size:]
+        return found
 
     def _find_last_line(self, text: bytes) -> int:
         """Where the last line ends that is whole."""
@@ -131,7 +135,7 @@ class _RowText(io.RawIOBase):
         if not line or line.startswith(COMMENTS):
             return len(text)
         cells = next(csv.reader([line], delimiter=self._dialect.delimiter))
-        self.is_cut = len(cells) != len(self._dialect.names)
+        self.is_cut = len(cells) != len(self._dialect.columns)
         return start if self.is_cut else len(text)
 
     def _clean(self, lines: bytes) -> bytes:
@@ -149,113 +153,81 @@ def _find_end(text: bytes) -> int:
     return end or text.rfind(b"\r", 0, len(text) - 1) + 1
 
 
-class DelimitedLog(Log):
-    """A table as text.
-
-    Attributes:
-        path: of the file.
-        streams: one.
-        dialect: how it is written.
-    """
-
-    def __init__(self, path: Path, dialect: Dialect) -> None:
-        self.path, self.dialect = path, dialect
-        self._places = dict[str, tuple[int, int]]()  # cell and element of each column
-        units = dict[str, str]()
-        for cell, name in enumerate(dialect.names):
-            shape = (dialect.widths[cell],) if dialect.widths[cell] else ()
-            for element, column in enumerate(name_elements(name, shape)):
-                self._places[column] = cell, element
-                is_time = dialect.kinds[cell] == "time"
-                units[column] = "s" if is_time else dialect.units[cell]
-        times = [n for n, k in zip(dialect.names, dialect.kinds, strict=True)
-                 if k == "time"]  # fmt: skip
-        self.streams = [Stream("", units, time=times[0] if len(times) == 1 else "")]
-
-    def read(
-        self, wanted: Mapping[str, Sequence[str]], report: Report | None = None
-    ) -> Iterator[tuple[str, Rows]]:
-        """Read columns; a piece is a block of the file."""
-        check_wanted(self, wanted)
-        columns = wanted.get("", ())
-        cells = sorted({self._places[column][0] for column in columns})
-        if not cells:
-            return
-        size = get_size(self.path)
-        with explain_damage(self.path, "table"), _open_text(self.path) as file:
-            place = getattr(file, "fileobj", file)  # of gzip, where the packed file is
-            text = _RowText(file, self.dialect)
-            for batch in self._parse(text, cells):
-                by_cell = dict(zip(cells, batch.columns, strict=True))
-                yield (
-                    "",
-                    {
-                        column: self._convert(by_cell[cell], cell, element)
-                        for column in columns
-                        for cell, element in (self._places[column],)
-                    },
-                )
-                if report:
-                    report(min(1.0, place.tell() / size))
-            self.losses = [CUT_LINE] * text.is_cut
-
-    def _parse(self, text: _RowText, cells: Sequence[int]) -> Iterator[Any]:
-        """Batches of the cells, by number, of all rows."""
-        import pyarrow as pa
-        from pyarrow import csv
-
-        dialect = self.dialect
-        names = [str(k) for k in range(len(dialect.names))]
-        types = {
-            names[k]: pa.float64() if dialect.kinds[k] == "number" else pa.string()
-            for k in cells
-        }
-        try:
-            yield from csv.open_csv(
-                io.BufferedReader(text, _BLOCK),
-                csv.ReadOptions(
-                    use_threads=False,  # with threads no row has a number
-                    block_size=_BLOCK, column_names=names, skip_rows=dialect.skip,
-                ),
-                csv.ParseOptions(
-                    delimiter=dialect.delimiter, invalid_row_handler=_judge_row
-                ),
-                csv.ConvertOptions(
-                    include_columns=list(types), column_types=types,
-                    null_values=list(MISSING), strings_can_be_null=True,
-                    decimal_point=dialect.decimal,
-                ),
-            )  # fmt: skip
-        except pa.ArrowInvalid as error:
-            said = clean_text(error).replace("Row #", "row ")
-            is_long = "straddles" in said
-            raise InputError("a line is too long" if is_long else said) from error
-
-    def _convert(self, array: Any, cell: int, element: int) -> Values:
-        """One column of a block, (n)."""
-        kind = self.dialect.kinds[cell]
-        if kind == "bool":
-            return _convert_words(array)
-        if kind == "time":
-            return _convert_times(array)
-        if kind == "list":
-            return _pick_elements(array.to_pylist(), element)
-        return convert_array(array)
+def _make_table(path: Path, dialect: Dialect) -> Table:
+    """The table of a text file."""
+    columns = dialect.columns.items()
+    cells = {n: Cell(c.width, "s" if c.kind == "time" else c.unit) for n, c in columns}
+    times = [name for name, column in columns if column.kind == "time"]
+    losses = list[str]()
+    read = partial(_read_rows, path, dialect, losses)
+    return Table(cells, read, losses, time=times[0] if len(times) == 1 else "")
 
 
-def _judge_row(row: Any) -> str:
+def _read_rows(
+    path: Path, dialect: Dialect, losses: list[str], cells: Collection[str]
+) -> Blocks:
+    """Blocks of a file; says in `losses` whether the last line was left out."""
+    size, kinds = get_size(path), {n: c.kind for n, c in dialect.columns.items()}
+    with _open_text(path) as file:
+        place = getattr(file, "fileobj", file)  # of gzip, where the packed file is
+        text = _RowText(file, dialect)
+        for batch in _parse(text, dialect, cells):
+            columns = zip(cells, batch.columns, strict=True)
+            block = {name: _CONVERT[kinds[name]](array) for name, array in columns}
+            yield place.tell() / size, block
+        losses[:] = [CUT_LINE] * text.is_cut
+
+
+def _parse(
+    text: _RowText, dialect: Dialect, cells: Collection[str]
+) -> "Iterator[pa.RecordBatch]":
+    """Batches of some cells of all rows."""
+    import pyarrow as pa
+    from pyarrow import csv
+
+    types = {
+        name: pa.float64() if dialect.columns[name].kind == "number" else pa.string()
+        for name in cells
+    }
+    try:
+        yield from csv.open_csv(
+            text,
+            csv.ReadOptions(
+                use_threads=False,  # with threads no row has a number
+                block_size=_BLOCK,
+                column_names=list(dialect.columns),
+                skip_rows=dialect.skip,
+            ),
+            csv.ParseOptions(
+                delimiter=dialect.delimiter, invalid_row_handler=_judge_row
+            ),
+            csv.ConvertOptions(
+                include_columns=list(types),
+                column_types=types,
+                null_values=list(MISSING),
+                strings_can_be_null=True,
+                decimal_point=dialect.decimal,
+            ),
+        )
+    except pa.ArrowInvalid as error:
+        said = clean_text(error).replace("Row #", "row ")
+        is_long = "straddles" in said
+        raise InputError("a line is too long" if is_long else said) from error
+
+
+def _judge_row(row: "pa.csv.InvalidRow") -> str:
     """What becomes of a row with another number of cells: a comment is left out."""
     return "skip" if row.text.strip().startswith(COMMENTS) else "error"
 
 
-def _convert_words(array: Any) -> Values:
+def _convert_words(array: "pa.Array") -> Values:
     """Words (n) for true and false as 1 and 0."""
     values = {"true": 1.0, "false": 0.0}
     words = [str(word).strip().lower() for word in array.to_pylist()]
     return np.array([values.get(word, np.nan) for word in words])
 
 
-def _convert_times(array: Any) -> Values:
+def _convert_times(array: "pa.Array") -> Values:
     """Times of day (n) as ISO 8601 writes them, as seconds since 1970 UTC.
 
     One that states no zone is taken as UTC.
@@ -271,7 +243,15 @@ def _convert_times(array: Any) -> Values:
     return convert_array(pc.cast(words, pa.timestamp("ns", "UTC")))
 
 
-def _pick_elements(cells: Sequence[str | None], element: int) -> Values:
-    """One element of the lists in cells, (n); NaN where a list lacks it."""
-    lists = (part_list(cell or "") for cell in cells)
-    return np.array([x[element] if len(x) > element else np.nan for x in lists])
+def _convert_lists(array: "pa.Array") -> Values:
+    """Lists in cells as (n, d)."""
+    return pad_rows([part_list(cell or "") for cell in array.to_pylist()])
+
+
+_CONVERT: Mapping[str, "Callable[[pa.Array], Values]"] = {
+    "number": convert_array,
+    "text": convert_array,
+    "bool": _convert_words,
+    "time": _convert_times,
+    "list": _convert_lists,
+}

@@ -3,15 +3,18 @@
 import codecs
 import csv
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from .common import MAX_COLUMNS, make_unique
 
 COMMENTS = ("#", "%")
 # words for a number that is missing, as loggers and pandas write them
-MISSING = ("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a", "null", "NULL", "None",
-           "none", "-")  # fmt: skip
+MISSING = (
+    *("", "nan", "NaN", "NAN", "-nan", "NA", "N/A", "n/a"),
+    *("null", "NULL", "None", "none", "-"),
+)
 _DELIMITERS = ("\t", ";", ",", "|", " ")  # those first that stand in no number or text
 _MAX_LINES = 1_000  # of a sample; chosen: enough to tell a text from a number
 _MAX_NAME = 200  # characters of a name in which a unit is looked for; chosen
@@ -26,6 +29,20 @@ _TIME = re.compile(  # ISO 8601
 _UNIT = re.compile(r"[^\[\]()]+[\[(]\s*([^\[\]()]{1,20}?)\s*[\])]\s*")
 
 
+class TextColumn(NamedTuple):
+    """What a text file says of a column.
+
+    Attributes:
+        kind: "number", "bool", "time", "list" or "text".
+        unit: "" where the file states none.
+        width: elements of the longest list in a cell; 0 of any other kind.
+    """
+
+    kind: str
+    unit: str
+    width: int
+
+
 @dataclass(frozen=True)
 class Dialect:
     """How a text file holds a table.
@@ -34,10 +51,7 @@ class Dialect:
         delimiter: between the cells of a row; a blank stands for any run of them.
         encoding: of the text.
         skip: lines before the first row of data; comments are not counted.
-        names: of the columns, no two alike.
-        units: of the columns, "" where the file states none.
-        kinds: of the columns: "number", "bool", "time", "list" or "text".
-        widths: elements of a list in a cell; 0 of any other column.
+        columns: by name, in their order.
         decimal: the character before the fraction of a number.
         has_comments: whether there are some in the first lines.
     """
@@ -45,10 +59,7 @@ class Dialect:
     delimiter: str
     encoding: str
     skip: int
-    names: Sequence[str]
-    units: Sequence[str]
-    kinds: Sequence[str]
-    widths: Sequence[int]
+    columns: Mapping[str, TextColumn]
     decimal: str
     has_comments: bool
 
@@ -135,25 +146,17 @@ def _make_dialect(
         if len(said[0]) == width:  # as numpy.savetxt writes a header
             names = said[0]
     units = [unit or _find_unit(name) for unit, name in zip(units, names, strict=True)]
-    columns = list(zip(*rows[heads:], strict=True)) or [()] * width
-    kinds = [_find_kind(column, decimal) for column in columns]
-    widths = [
-        max(len(part_list(cell)) for cell in column) if kind == "list" else 0
-        for column, kind in zip(columns, kinds, strict=True)
-    ]
-    if width + sum(widths) > MAX_COLUMNS:
+    found = dict[str, TextColumn]()
+    cells = list(zip(*rows[heads:], strict=True)) or [()] * width
+    for name, unit, column in zip(make_unique(names), units, cells, strict=True):
+        kind = _find_kind(column, decimal)
+        lists = map(part_list, column) if kind == "list" else ()
+        found[name] = TextColumn(kind, unit, max(map(len, lists), default=0))
+    if width + sum(column.width for column in found.values()) > MAX_COLUMNS:
         return None
-    return Dialect(
-        delimiter=delimiter,
-        encoding=encoding,
-        skip=_count_lines(lines, heads),
-        names=make_unique(names),
-        units=units,
-        kinds=kinds,
-        widths=widths,
-        decimal=decimal,
-        has_comments=any(line.strip().startswith(COMMENTS) for line in lines),
-    )
+    has_comments = any(line.strip().startswith(COMMENTS) for line in lines)
+    skip = _count_lines(lines, heads)
+    return Dialect(delimiter, encoding, skip, found, decimal, has_comments)
 
 
 def _count_lines(lines: Sequence[str], rows: int) -> int:

@@ -6,16 +6,21 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from ...errors import InputError
 from ...files import MAX_VALUES, walk_hdf5
 from ...limited_reading import explain_dangerous
 from ..base import Log, LogFormat
-from .arrays import ArrayLog, is_usable
 from .common import explain_damage, read_start
 from .json_runs import find_period
 from .run_groups import make_tables
+from .tables import TableLog, is_usable
+
+if TYPE_CHECKING:
+    import h5py
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _UNITS = ("unit", "units")  # attributes
@@ -42,11 +47,11 @@ class Hdf5Format(LogFormat):
                 raise InputError(
                     f"{path}: a recording of selfheal already, which needs no import"
                 )
-            arrays = dict[str, Any](list_datasets(file))
+            arrays = dict(list_datasets(file))
             units = {name: _find_unit(array) for name, array in arrays.items()}
             period = _find_period(file)
             tables = make_tables(arrays, units)
-            return ArrayLog(path, [replace(t, period=period) for t in tables])
+            return TableLog(path, [replace(t, period=period) for t in tables])
 
 
 def read_first_rows(path: str | os.PathLike[str]) -> None:
@@ -66,13 +71,12 @@ def read_first_rows(path: str | os.PathLike[str]) -> None:
             array[:1]
 
 
-def list_datasets(group: Any) -> Iterator[tuple[str, Any]]:
+def list_datasets(
+    group: "h5py.Group",
+) -> Iterator[tuple[str, "h5py.Dataset | _Field"]]:
     """Paths of the datasets in a group that become columns, and what reads them.
 
     What is kept elsewhere is left out, so that nothing outside the file is opened.
-
-    Args:
-        group: an h5py.Group of an open file.
     """
     import h5py
 
@@ -93,29 +97,23 @@ def list_datasets(group: Any) -> Iterator[tuple[str, Any]]:
 
 
 class _Field:
-    """One field of a dataset of records.
+    """One field of a dataset of records, (T) or (T, d)."""
 
-    Attributes:
-        dtype: of the field.
-        shape: (T) or (T, d).
-        attrs: attributes of the dataset.
-    """
-
-    def __init__(self, dataset: Any, name: str) -> None:
+    def __init__(self, dataset: "h5py.Dataset", name: str) -> None:
         self._dataset, self._name = dataset, name
         kind = dataset.dtype[name]
-        self.dtype = kind.base
-        self.shape = dataset.shape + kind.shape
-        self.attrs = dataset.attrs
+        self.dtype: np.dtype = kind.base
+        self.shape: tuple[int, ...] = dataset.shape + kind.shape
+        self.attrs: h5py.AttributeManager = dataset.attrs
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, rows: slice) -> Any:
+    def __getitem__(self, rows: slice, /) -> object:
         return self._dataset[rows][self._name]
 
 
-def _find_period(file: Any) -> float | None:
+def _find_period(file: "h5py.File") -> float | None:
     """The time [s] from row to row that robomimic's `env_args` state, if they do."""
     import h5py
 
@@ -127,13 +125,13 @@ def _find_period(file: Any) -> float | None:
         return None
 
 
-def _find_unit(array: Any) -> str:
+def _find_unit(array: "h5py.Dataset | _Field") -> str:
     """The unit that an attribute of a dataset states."""
     found = (_read_text(array.attrs, name) for name in _UNITS)
     return next((unit for unit in found if unit), "")
 
 
-def _read_text(attrs: Any, name: str) -> str:
+def _read_text(attrs: "h5py.AttributeManager", name: str) -> str:
     """An attribute that is a text; "" of another or none."""
     value = attrs[name] if name in attrs else ""
     value = value.decode(errors="replace") if isinstance(value, bytes) else value

@@ -1,28 +1,36 @@
 """JSON and JSON lines: takes documents of runs, rows or arrays, gives streams."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
+from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from ...errors import InputError
-from ..base import Log, LogFormat, Report, Rows, Stream
-from .arrays import ArrayLog, Run, Table, group_arrays
+from ..base import Log, LogFormat, Values
 from .common import (
     CUT_LINE,
     MAX_COLUMNS,
     MAX_ELEMENTS,
-    check_wanted,
     convert_cells,
     explain_damage,
     get_size,
+    pad_rows,
     read_start,
 )
 from .run_groups import are_runs
+from .tables import (
+    Blocks,
+    Cell,
+    Run,
+    Table,
+    TableLog,
+    group_arrays,
+    make_length_tables,
+    make_table,
+)
 
 _MAX_SIZE = 256_000_000  # bytes of a document; chosen: read it takes ten times as much
 _MAX_DEPTH = 16  # of objects in objects; chosen
@@ -33,10 +41,12 @@ _LABELS = ("label", "name", "id", "episode", "run", "motion", "type", "trajector
 _ROBOTS = ("robot", "robot_name", "robot_type")
 _TIMES = ("t", "time", "timestamp", "stamp", "time_s")
 _PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
-_RATES = ("hz", "fps", "sample_rate", "sampling_rate", "sampling_frequency",
-          "sample_frequency", "control_frequency", "control_freq", "action_hz",
-          "control_hz", "sample_hz", "sampling_hz", "rate_hz", "log_hz", "record_hz",
-          "frequency_hz", "loop_hz")  # fmt: skip
+_RATES = (
+    "hz fps sample_rate sampling_rate sampling_frequency sample_frequency "
+    "control_frequency control_freq action_hz control_hz sample_hz sampling_hz rate_hz "
+    "log_hz record_hz frequency_hz loop_hz"
+).split()
+Arrays = Mapping[str, Values]  # (T) or (T, d), by their paths
 
 
 class JsonFormat(LogFormat):
@@ -58,14 +68,16 @@ class JsonFormat(LogFormat):
         """Open a document."""
         with explain_damage(path, "JSON log"):
             if _is_lines(path):
-                return JsonLinesLog(path)
+                return TableLog(path, [_make_lines_table(path)], "JSON log")
             if get_size(path) > _MAX_SIZE:
                 raise InputError(
                     f"{path}: {get_size(path)} bytes of JSON; at most {_MAX_SIZE} are "
                     "read; would fit: JSON lines, an object for each row"
                 )
             document = json.loads(path.read_bytes())
-            return ArrayLog(path, find_tables(document), _find_robot(document))
+            period = find_period(document)
+            tables = [replace(t, period=period) for t in find_tables(document)]
+            return TableLog(path, tables, robot=_find_robot(document))
 
 
 def _is_lines(path: Path) -> bool:
@@ -78,53 +90,50 @@ def _is_lines(path: Path) -> bool:
     return is_named or (first.rstrip().endswith(b"}") and second.startswith(b"{"))
 
 
-def find_tables(document: Any) -> list[Table]:
+def find_tables(document: object) -> list[Table]:
     """The tables of a document: runs, rows or arrays, at its top or in its members.
 
     Args:
         document: as `json` makes it.
     """
-    period = find_period(document)
-    if isinstance(document, list):
-        return [_make_table(document, "", period)] if _is_objects(document) else []
+    if objects := _take_objects(document):
+        return [_make_table(objects, "")]
     if not isinstance(document, dict):
         return []
-    lists = {name: value for name, value in document.items() if _is_objects(value)}
+    lists = {name: found for name, v in document.items() if (found := _take_objects(v))}
     if lists:
-        return [
-            _make_table(value, name if len(lists) > 1 else "", period)
-            for name, value in lists.items()
-        ]
-    runs = _find_named_runs(document)
-    if runs:
-        return [Table(runs, period=period)]
-    return [
-        Table(table.runs, table.name, period=period)
-        for table in group_arrays(_list_arrays(document))
-    ]
+        names = {name: name if len(lists) > 1 else "" for name in lists}
+        return [_make_table(lists[name], named) for name, named in names.items()]
+    if runs := _find_named_runs(document):
+        return [make_table(runs)]
+    return make_length_tables(_list_arrays(document))
 
 
-def _is_objects(value: Any) -> bool:
-    return (
-        isinstance(value, list)
-        and bool(value)
-        and all(isinstance(member, dict) for member in value)
-    )
+def _take_objects(value: object) -> list[dict[str, object]]:
+    """A list of objects alone; an empty one of anything else."""
+    if not isinstance(value, list) or not all(isinstance(m, dict) for m in value):
+        return []
+    return value
 
 
-def _make_table(objects: Sequence[dict[str, Any]], name: str, period: Any) -> Table:
+def _make_table(objects: Sequence[dict[str, object]], name: str) -> Table:
     """A table of objects that are runs each, or rows each."""
     if not _are_runs(objects):
         arrays = make_columns(objects)
         # BAM (github.com/Rhoban/bam) writes it in seconds
         is_bam = {"timestamp", "position", "goal_position"} <= arrays.keys()
-        units, time = ({"timestamp": "s"}, "timestamp") if is_bam else ({}, "")
-        return Table([Run(arrays)], name, units, time, period)
-    runs = [Run(_take_longest(_list_arrays(o)), _find_label(o)) for o in objects]
-    return Table([run for run in runs if run.arrays], name, period=period)
+        return replace(
+            make_table([Run(arrays)], name), time="timestamp" if is_bam else ""
+        )
+    runs = [
+        replace(run, label=_find_label(one))
+        for one in objects
+        for run in group_arrays(_list_arrays(one))[:1]
+    ]
+    return make_table(runs, name)
 
 
-def _are_runs(objects: Sequence[dict[str, Any]]) -> bool:
+def _are_runs(objects: Sequence[dict[str, object]]) -> bool:
     """Whether each object holds the arrays of a run, not the vectors of a row."""
     lengths = [
         max(
@@ -137,29 +146,34 @@ def _are_runs(objects: Sequence[dict[str, Any]]) -> bool:
         return False
     if any(not isinstance(o.get(name, []), list) for name in _TIMES for o in objects):
         return False
-    nested = any(_is_objects(v) for o in objects for v in o.values())
+    nested = any(_take_objects(v) for o in objects for v in o.values())
     return nested or len(set(lengths)) > 1 or max(lengths) > len(objects)
 
 
-def _find_named_runs(document: Mapping[str, Any]) -> list[Run]:
+def _find_named_runs(document: Mapping[str, object]) -> list[Run]:
     """Runs of a document whose members are objects with the same arrays."""
-    members = {name: v for name, v in document.items() if isinstance(v, dict)}
-    runs = [Run(_take_longest(_list_arrays(v)), name) for name, v in members.items()]
-    runs = [run for run in runs if run.arrays]
+    runs = [
+        replace(run, label=name)
+        for name, member in document.items()
+        if isinstance(member, dict)
+        for run in group_arrays(_list_arrays(member))[:1]
+    ]
     alike = {tuple(run.arrays) for run in runs}
     labels, lengths = [run.label for run in runs], [run.count() for run in runs]
     are_alike = len(runs) > 1 and len(alike) == 1
     return runs if are_alike and are_runs(labels, lengths) else []
 
 
-def _list_arrays(value: Mapping[str, Any], path: str = "", depth: int = 0) -> Any:
+def _list_arrays(
+    value: Mapping[str, object], path: str = "", depth: int = 0
+) -> dict[str, Values]:
     """Arrays in an object and the objects in it, by their paths."""
-    found = dict[str, Any]()
+    found = dict[str, Values]()
     for name, member in value.items():
         if isinstance(member, dict) and depth < _MAX_DEPTH:
             found |= _list_arrays(member, f"{path}{name}.", depth + 1)
-        elif _is_objects(member):
-            found |= {path + k: v for k, v in make_columns(member).items()}
+        elif objects := _take_objects(member):
+            found |= {path + k: v for k, v in make_columns(objects).items()}
         elif isinstance(member, list) and member:
             array = _make_array(member)
             if array is not None:
@@ -167,33 +181,25 @@ def _list_arrays(value: Mapping[str, Any], path: str = "", depth: int = 0) -> An
     return found
 
 
-def _take_longest(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays of one length: the one that most values have."""
-    tables = group_arrays(arrays)
-    return dict(tables[0].runs[0].arrays) if tables else {}
-
-
-def _make_array(values: list[Any]) -> Any:
+def _make_array(values: list[object]) -> Values | None:
     """A list as an array (T) or (T, d); None where it is none."""
     if not any(isinstance(value, list | dict) for value in values):
         return convert_cells(values)
-    if not all(isinstance(value, list) for value in values):
+    rows = [value for value in values if isinstance(value, list)]
+    width = max(map(len, rows), default=0)
+    if len(rows) < len(values) or not 0 < width <= MAX_ELEMENTS:
         return None
-    width = max(len(value) for value in values)
-    flat = [isinstance(v, int | float | None) for value in values for v in value]
-    if not 0 < width <= MAX_ELEMENTS or not all(flat):
-        return None
-    padded = [convert_cells(value + [None] * (width - len(value))) for value in values]
-    return np.array(padded)
+    is_flat = all(isinstance(cell, int | float | None) for row in rows for cell in row)
+    return pad_rows(rows) if is_flat else None
 
 
-def make_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def make_columns(rows: Sequence[Mapping[str, object]]) -> dict[str, Values]:
     """Columns (T) of rows that are objects; those of objects in them by their paths.
 
     Raises:
         InputError: they are too many, or most rows lack most of them.
     """
-    found, count = dict[str, dict[int, Any]](), 0
+    found, count = dict[str, dict[int, object]](), 0
     for number, row in enumerate(rows):
         for name, cell in flatten(row):
             found.setdefault(name, {})[number] = cell
@@ -207,7 +213,9 @@ def make_columns(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def flatten(value: Any, path: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+def flatten(
+    value: object, path: str = "", depth: int = 0
+) -> Iterator[tuple[str, object]]:
     """Paths and values of the numbers and texts in an object.
 
     Args:
@@ -236,7 +244,7 @@ def read_time(text: str) -> str | float:
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
-def _find_label(run: Mapping[str, Any]) -> str:
+def _find_label(run: Mapping[str, object]) -> str:
     """What a run calls itself."""
     for name in _LABELS:
         if isinstance(found := run.get(name), str) and found:
@@ -244,13 +252,13 @@ def _find_label(run: Mapping[str, Any]) -> str:
     return ""
 
 
-def _find_robot(document: Any) -> str | None:
+def _find_robot(document: object) -> str | None:
     members = document if isinstance(document, dict) else {}
     found = [members[name] for name in _ROBOTS if isinstance(members.get(name), str)]
     return found[0] if found else None
 
 
-def find_period(document: Any) -> float | None:
+def find_period(document: object) -> float | None:
     """The time [s] from row to row that a document states, at its top or below."""
     if not isinstance(document, dict):
         return None
@@ -265,59 +273,43 @@ def find_period(document: Any) -> float | None:
     return found.pop() if len(found) == 1 else None
 
 
-class JsonLinesLog(Log):
-    """JSON lines: an object for each row.
+def _make_lines_table(path: Path) -> Table:
+    """The table of JSON lines, with the columns of the first rows."""
+    losses = list[str]()
+    rows = [row for _, row in islice(_read_rows(path, losses), _SAMPLE)]
+    cells = dict.fromkeys(make_columns(rows), Cell())
+    return Table(cells, partial(_read_lines, path, losses), losses)
 
-    Attributes:
-        path: of the file.
-        streams: one, with the columns of the first rows.
-    """
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.losses = path, []
-        rows = [row for _, row in islice(self._read_rows(), _SAMPLE)]
-        names = list(make_columns(rows))
-        if not names:
-            raise InputError(f"{path}: its lines hold no numbers")
-        self.streams = [Stream("", dict.fromkeys(names, ""))]
+def _read_lines(path: Path, losses: list[str], cells: Collection[str]) -> Blocks:
+    """Some lines at a time."""
+    rows, size = _read_rows(path, losses), get_size(path)
+    while piece := list(islice(rows, _PIECE)):
+        flat = [dict(flatten(row)) for _, row in piece]
+        block = {name: convert_cells([row.get(name) for row in flat]) for name in cells}
+        yield piece[-1][0] / size, block
 
-    def read(
-        self, wanted: Mapping[str, Sequence[str]], report: Report | None = None
-    ) -> Iterator[tuple[str, Rows]]:
-        """Read columns, some lines at a time."""
-        check_wanted(self, wanted)
-        columns, size = wanted.get("", ()), get_size(self.path)
-        with explain_damage(self.path, "JSON log"):
-            rows = self._read_rows()
-            while columns and (piece := list(islice(rows, _PIECE))):
-                cells = [dict(flatten(row)) for _, row in piece]
-                yield (
-                    "",
-                    {
-                        name: convert_cells([row.get(name) for row in cells])
-                        for name in columns
-                    },
-                )
-                if report:
-                    report(min(1.0, piece[-1][0] / size))
 
-    def _read_rows(self) -> Iterator[tuple[int, Any]]:
-        """Place of the end [B] and object of each line."""
-        with self.path.open("rb") as file:
-            number, place = 0, 0
-            while line := file.readline(_MAX_LINE):
-                number, place = number + 1, place + len(line)
-                if not line.strip():
-                    continue
-                try:
-                    row = json.loads(line)
-                except ValueError as error:
-                    if not line.endswith(b"\n") and number > 1:
-                        self.losses = [CUT_LINE]  # the logger was killed
-                        return
-                    raise InputError(
-                        f"{self.path}: line {number} is no JSON ({error})"
-                    ) from error
-                if not isinstance(row, dict):
-                    raise InputError(f"{self.path}: line {number} is no object")
-                yield place, row
+def _read_rows(
+    path: Path, losses: list[str]
+) -> Iterator[tuple[int, dict[str, object]]]:
+    """Place of the end [B] and object of each line; says what is cut off."""
+    losses.clear()
+    with path.open("rb") as file:
+        number, place = 0, 0
+        while line := file.readline(_MAX_LINE):
+            number, place = number + 1, place + len(line)
+            if not line.strip():
+                continue
+            try:
+                row = json.loads(line)
+            except ValueError as error:
+                if not line.endswith(b"\n") and number > 1:
+                    losses.append(CUT_LINE)  # the logger was killed
+                    return
+                raise InputError(
+                    f"{path}: line {number} is no JSON ({error})"
+                ) from error
+            if not isinstance(row, dict):
+                raise InputError(f"{path}: line {number} is no object")
+            yield place, row

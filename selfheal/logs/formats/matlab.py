@@ -2,18 +2,22 @@
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...errors import InputError
 from ...limited_reading import explain_dangerous
 from ..base import Log, LogFormat
-from .arrays import ArrayLog
 from .common import explain_damage, read_start
 from .hdf5 import list_datasets, read_first_rows
 from .run_groups import make_tables
+from .tables import TableLog
+
+if TYPE_CHECKING:
+    import h5py
 
 _MAX_DEPTH = 16  # of structures in structures; chosen
 _MAX_STRUCTURES = 10_000  # in an array of them; chosen
@@ -45,18 +49,23 @@ class MatlabFormat(LogFormat):
             if is_hdf5:
                 import h5py
 
-                file = h5py.File(path, "r")
+                members = dict(list_datasets(h5py.File(path, "r")))
                 arrays = {
-                    name: _Turned(dataset)
-                    for name, dataset in list_datasets(file)
-                    if not name.startswith("#") and len(dataset.shape) == 2
+                    name: _Matrix(array, turn=True)
+                    for name, array in members.items()
+                    if not name.startswith("#") and len(array.shape) == 2
                 }
             else:
-                arrays = dict(list_arrays(load_variables(path)))
-            return ArrayLog(path, make_tables(orient(arrays)))
+                variables = list_arrays(load_variables(path))
+                arrays = {
+                    name: _Matrix(array)
+                    for name, array in variables.items()
+                    if array.ndim == 2
+                }
+            return TableLog(path, make_tables(_orient(arrays)))
 
 
-def load_variables(path: str | os.PathLike[str]) -> dict[str, Any]:
+def load_variables(path: str | os.PathLike[str]) -> dict[str, object]:
     """Variables of a file of version 4 to 7, whatever reading them does.
 
     Raises:
@@ -67,14 +76,14 @@ def load_variables(path: str | os.PathLike[str]) -> dict[str, Any]:
     return loadmat(path)
 
 
-def list_arrays(value: Any, path: str = "", depth: int = 0) -> Mapping[str, Any]:
+def list_arrays(value: object, path: str = "", depth: int = 0) -> dict[str, np.ndarray]:
     """Arrays in variables and structures, by their paths.
 
     Args:
         value: variables, or what scipy makes of one.
         depth: of it; what is deeper than any log is left out.
     """
-    found = dict[str, Any]()
+    found = dict[str, np.ndarray]()
     if isinstance(value, Mapping):
         for name, member in value.items():
             if not name.startswith("__"):
@@ -90,52 +99,47 @@ def list_arrays(value: Any, path: str = "", depth: int = 0) -> Mapping[str, Any]
     return found
 
 
-def orient(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Matrices (T, d), and vectors as (T), of those that stand either way round.
-
-    Args:
-        arrays: (T, d) or (d, T); what has one row or one column is a vector.
-    """
-    found = dict[str, Any]()
-    lengths = {max(a.shape) for a in arrays.values() if 1 in a.shape and a.ndim == 2}
-    for name, array in arrays.items():
-        if array.ndim == 2 and 1 in array.shape:
-            found[name] = array.reshape(-1)
-        elif array.ndim == 2 and array.shape[0] not in lengths:
-            found[name] = array.T if array.shape[1] in lengths else array
-        else:
-            found[name] = array
-    return found
-
-
-class _Turned:
-    """A dataset of HDF5 as MATLAB sees it: the last axis is the first.
+@dataclass(frozen=True)
+class _Matrix:
+    """A matrix (T, d), or a vector (T), of an array that stands either way round.
 
     Attributes:
-        dtype: of the numbers.
-        shape: of the matrix, or of the vector.
-        ndim: 2, or 1 of a vector.
+        array: (T, d), or (d, T) where it is turned, as HDF5 has what MATLAB wrote.
+        flat: whether it is a vector.
     """
 
-    def __init__(self, dataset: Any, turn: bool = True, flat: bool = False) -> None:
-        self._dataset, self._turn, self._flat = dataset, turn, flat
-        rows, columns = dataset.shape[::-1] if turn else dataset.shape
-        self.dtype = dataset.dtype
-        self.shape = (max(rows, columns),) if flat else (rows, columns)
-        self.ndim = len(self.shape)
+    array: "np.ndarray | h5py.Dataset"
+    turn: bool = False
+    flat: bool = False
 
     @property
-    def T(self) -> "_Turned":
-        """The matrix transposed."""
-        return _Turned(self._dataset, not self._turn)
+    def dtype(self) -> np.dtype:
+        return self.array.dtype
 
-    def reshape(self, _: int) -> "_Turned":
-        """The vector that a matrix of one row or one column is."""
-        return _Turned(self._dataset, self._dataset.shape[0] == 1, flat=True)
+    @property
+    def shape(self) -> tuple[int, ...]:
+        shape = self.array.shape[:: -1 if self.turn else 1]
+        return shape[:1] if self.flat else shape
 
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __getitem__(self, rows: slice) -> Any:
-        found = self._dataset[:, rows].T if self._turn else self._dataset[rows]
-        return found.reshape(-1) if self._flat else found
+    def __getitem__(self, rows: slice, /) -> object:
+        found = np.asarray(self.array[:, rows] if self.turn else self.array[rows])
+        found = found.T if self.turn else found
+        return found.reshape(-1) if self.flat else found
+
+
+def _orient(arrays: Mapping[str, _Matrix]) -> dict[str, _Matrix]:
+    """Matrices with a row for each sample; those of one row or column as vectors."""
+    found = dict[str, _Matrix]()
+    lengths = {max(a.shape) for a in arrays.values() if 1 in a.shape}
+    for name, matrix in arrays.items():
+        rows, columns = matrix.shape
+        if 1 in (rows, columns):
+            found[name] = replace(matrix, turn=matrix.turn != (rows == 1), flat=True)
+        elif rows not in lengths and columns in lengths:
+            found[name] = replace(matrix, turn=not matrix.turn)
+        else:
+            found[name] = matrix
+    return found

@@ -4,16 +4,16 @@ import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 
 from ...errors import InputError
 from ...files import MAX_VALUES
 from ..base import Log, LogFormat
-from .arrays import ArrayLog
 from .common import MAX_ELEMENTS, explain_damage, read_start
 from .run_groups import make_tables
+from .tables import TableLog
 
 _MAGIC = b"\x93NUMPY"
 
@@ -41,12 +41,12 @@ class NumpyFormat(LogFormat):
         with explain_damage(path, "NumPy file"):
             if read_start(path).startswith(_MAGIC):
                 array = np.load(path, mmap_mode="r", allow_pickle=False)
-                return ArrayLog(path, make_tables(part_array(array)))
+                return TableLog(path, make_tables(part_array(array)))
             with zipfile.ZipFile(path) as archive:
-                return ArrayLog(path, make_tables(_read_archive(archive)))
+                return TableLog(path, make_tables(_read_archive(archive)))
 
 
-def part_array(array: Any, name: str = "") -> dict[str, Any]:
+def part_array(array: np.ndarray, name: str = "") -> dict[str, np.ndarray]:
     """Arrays (T) or (T, d) of one array, which may be of records.
 
     Args:
@@ -62,9 +62,9 @@ def part_array(array: Any, name: str = "") -> dict[str, Any]:
     return {"0": array}
 
 
-def _read_archive(archive: zipfile.ZipFile) -> Mapping[str, Any]:
+def _read_archive(archive: zipfile.ZipFile) -> Mapping[str, np.ndarray]:
     """Arrays of an archive by their names; the sizes are checked before."""
-    found, left = dict[str, Any](), 8 * MAX_VALUES
+    found, left = dict[str, np.ndarray](), 8 * MAX_VALUES
     for member in archive.infolist():
         if not member.filename.endswith(".npy"):
             continue

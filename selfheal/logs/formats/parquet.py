@@ -1,23 +1,21 @@
 """Apache Parquet and LeRobot's folders of it: takes paths, gives one stream."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ...errors import InputError
 from ...limited_reading import explain_dangerous
-from ..base import Log, LogFormat, Report, Rows, Stream
-from .arrow import convert_array, find_width, is_list, is_readable, part_vectors
-from .common import (
-    MAX_COLUMNS,
-    PIECE_VALUES,
-    check_wanted,
-    explain_damage,
-    make_unique,
-    name_elements,
-    read_start,
-)
+from ..base import Log, LogFormat
+from .arrow import convert_array, convert_vectors, find_width, is_list, is_readable
+from .common import PIECE_VALUES, explain_damage, read_start
+from .tables import Blocks, Cell, Table, TableLog
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 _SAMPLE = 1_000  # rows that tell how long the vectors are; chosen
 _INFO = "meta/info.json"
@@ -36,7 +34,7 @@ class ParquetFormat(LogFormat):
     def open(self, path: Path) -> Log:
         """Open a file."""
         with explain_damage(path, "Parquet file"):
-            return ParquetLog(path, [path])
+            return TableLog(path, [_make_table(path, [path], {})], "Parquet file")
 
 
 class LeRobotFormat(LogFormat):
@@ -55,24 +53,22 @@ class LeRobotFormat(LogFormat):
             files = sorted(path.glob("data/*/*.parquet"))
             if not files:
                 raise InputError(f"{path}: no data/chunk-*/*.parquet in it")
-            log = ParquetLog(path, files, _list_names(info.get("features")))
-            (stream,) = log.streams
-            columns, fps = stream.columns, info.get("fps")
-            rate = fps if isinstance(fps, int | float) and 0 < fps < 1e9 else None
-            log.streams = [Stream(
-                name="",
-                columns={name: "s" if name == "timestamp" else "" for name in columns},
-                rows=stream.rows,
-                time="timestamp" if "timestamp" in columns else "",
-                period=1 / rate if rate else None,
-                episode="episode_index" if "episode_index" in columns else "",
-            )]  # fmt: skip
-            robot = info.get("robot_type")
-            log.robot = robot if isinstance(robot, str) else None
-            return log
+            table = _make_table(path, files, _list_names(info.get("features")))
+            fps, robot = info.get("fps"), info.get("robot_type")
+            scalars = [name for name, cell in table.cells.items() if not cell.width]
+            table = replace(
+                table,
+                time="timestamp" if "timestamp" in scalars else "",
+                period=1 / fps
+                if isinstance(fps, int | float) and 0 < fps < 1e9
+                else None,
+                episode="episode_index" if "episode_index" in scalars else "",
+            )
+            named = robot if isinstance(robot, str) else None
+            return TableLog(path, [table], "LeRobot data set", named)
 
 
-def _read_info(path: Path) -> dict[str, Any]:
+def _read_info(path: Path) -> dict[str, object]:
     """LeRobot's description of a data set."""
     if path.stat().st_size > _MAX_INFO:
         raise InputError(f"{path}: more than {_MAX_INFO} bytes")
@@ -87,7 +83,7 @@ def _read_info(path: Path) -> dict[str, Any]:
     return info
 
 
-def _list_names(features: Any) -> dict[str, Sequence[str]]:
+def _list_names(features: object) -> dict[str, Sequence[str]]:
     """Names of the elements of vectors, by the vectors' names."""
     found = dict[str, Sequence[str]]()
     for name, feature in features.items() if isinstance(features, dict) else ():
@@ -99,145 +95,78 @@ def _list_names(features: Any) -> dict[str, Sequence[str]]:
     return found
 
 
-class ParquetLog(Log):
-    """Files of one table, one after the other.
+def _make_table(
+    path: Path, files: Sequence[Path], names: Mapping[str, Sequence[str]]
+) -> Table:
+    """The table of files that follow each other.
 
-    Attributes:
+    Args:
         path: of the file, or of the folder of several.
-        streams: one.
+        names: of the elements of vectors, by the vectors' names.
     """
+    reader = f"{__name__}:read_sample"
+    if reason := explain_dangerous(files[0], reader, "pyarrow.parquet"):
+        raise InputError(f"{path}: {reason}")
+    import pyarrow as pa
 
-    def __init__(
-        self,
-        path: Path,
-        files: Sequence[Path],
-        names: Mapping[str, Sequence[str]] | None = None,
-    ) -> None:
-        """Open the files.
-
-        Args:
-            path: of the file or the folder.
-            names: of the elements of vectors, by the vectors' names.
-
-        Raises:
-            InputError: the first file is damaged or has no columns that are read.
-        """
-        self.path, self._files = path, files
-        reader = f"{__name__}:read_sample"
-        if reason := explain_dangerous(files[0], reader, "pyarrow.parquet"):
-            raise InputError(f"{path}: {reason}")
-        import pyarrow as pa
-
-        columns, places = list[str](), list[tuple[str, int | None]]()
-        times, durations = list[str](), list[str]()
-        for name, column in _list_columns(read_sample(files[0])):
-            if is_list(column.type):
-                width = find_width(column)
-                columns += name_elements(name, (width,), (names or {}).get(name))
-                places += [(name, element) for element in range(width)]
-            elif is_readable(column.type):
-                columns.append(name)
-                places.append((name, None))
-                times += [name] * pa.types.is_timestamp(column.type)
-                durations += [name] * pa.types.is_temporal(column.type)
-        if not 0 < len(columns) <= MAX_COLUMNS:
-            raise InputError(f"{path}: {len(columns)} columns of numbers")
-        columns = make_unique(columns)
-        self._places = dict(zip(columns, places, strict=True))
-        rows = sum(_open_file(file).metadata.num_rows for file in files)
-        units = dict.fromkeys(columns, "") | dict.fromkeys(durations, "s")
-        time = times[0] if len(times) == 1 else ""
-        self.streams = [Stream("", units, rows, time)]
-
-    def read(
-        self, wanted: Mapping[str, Sequence[str]], report: Report | None = None
-    ) -> Iterator[tuple[str, Rows]]:
-        """Read columns, a batch of rows at a time."""
-        check_wanted(self, wanted)
-        columns = wanted.get("", ())
-        step = min(65_536, max(1, PIECE_VALUES // max(1, len(columns))))
-        done, total = 0, max(1, self.streams[0].rows or 0)
-        with explain_damage(self.path, "Parquet file"):
-            for file in self._files if columns else ():
-                for batch in self._read_file(file, columns, step):
-                    yield "", self._convert(batch, columns)
-                    done += len(batch)
-                    if report:
-                        report(min(1.0, done / total))
-
-    def _read_file(
-        self, path: Path, columns: Sequence[str], step: int
-    ) -> Iterator[Any]:
-        """Batches of what holds some columns."""
-        file = _open_file(path)
-        needed = sorted({self._places[column][0] for column in columns})
-        yield from file.iter_batches(batch_size=step, columns=needed)
-
-    def _convert(self, batch: Any, columns: Sequence[str]) -> Rows:
-        """Columns of a batch; those of a vector at once."""
-        arrays = dict(_list_columns(batch))
-        elements = dict[str, list[int]]()
-        for name, element in (self._places[column] for column in columns):
-            if element is not None:
-                elements.setdefault(name, []).append(element)
-        vectors = {
-            name: dict(zip(wanted, part_vectors(arrays[name], wanted), strict=True))
-            for name, wanted in elements.items()
-        }
-        rows = dict[str, Any]()
-        for column in columns:
-            name, element = self._places[column]
-            if element is None:
-                rows[column] = convert_array(arrays[name])
-            else:
-                rows[column] = vectors[name][element]
-        return rows
+    cells, times = dict[str, Cell](), list[str]()
+    sample = read_sample(files[0])
+    for name, column in zip(sample.column_names, sample.columns, strict=True):
+        if not is_list(column.type):
+            is_time = pa.types.is_temporal(column.type)
+            cells[name] = Cell(unit="s" if is_time else "")
+            times += [name] * pa.types.is_timestamp(column.type)
+        elif width := find_width(column):
+            cells[name] = Cell(width, names=names.get(name))
+    rows = sum(_open_file(file).metadata.num_rows for file in files)
+    read = partial(_read_files, files, rows)
+    time = times[0] if len(times) == 1 else ""
+    return Table(cells, read, rows=rows, time=time)
 
 
-def _open_file(path: Path) -> Any:
+def _read_files(files: Sequence[Path], total: int, cells: Collection[str]) -> Blocks:
+    """Batches of rows of files."""
+    step, done = min(65_536, max(1, PIECE_VALUES // max(1, len(cells)))), 0
+    for file in files:
+        for batch in _open_file(file).iter_batches(step, columns=sorted(cells)):
+            table = _flatten(batch)
+            done += len(table)
+            yield (
+                done / total,
+                {
+                    name: convert_vectors(array)
+                    if is_list(array.type)
+                    else convert_array(array)
+                    for name, array in ((n, table[n].combine_chunks()) for n in cells)
+                },
+            )
+
+
+def _open_file(path: Path) -> "pa.parquet.ParquetFile":
     from pyarrow import parquet
 
     return parquet.ParquetFile(path)
 
 
-def read_sample(path: str | Path) -> Any:
-    """The first rows of a file, as a RecordBatch without rows if it has none.
+def read_sample(path: str | Path) -> "pa.Table":
+    """The first rows of what is read of a file, a table without rows if it has none.
 
     Raises:
         OSError, pyarrow.ArrowException: it is damaged.
     """
-    import pyarrow as pa
-
     file = _open_file(Path(path))
-    paths = _list_paths(file.schema_arrow)  # without pictures, which are large
-    for batch in file.iter_batches(batch_size=_SAMPLE, columns=paths):
-        return batch
-    return pa.RecordBatch.from_pylist([], file.schema_arrow)
+    schema = _flatten(file.schema_arrow.empty_table()).schema
+    wanted = [f.name for f in schema if is_list(f.type) or is_readable(f.type)]
+    for batch in file.iter_batches(_SAMPLE, columns=wanted):  # without pictures
+        return _flatten(batch).select(wanted)
+    return schema.empty_table().select(wanted)
 
 
-def _list_paths(fields: Any, start: str = "") -> list[str]:
-    """Paths of the numbers and texts in some fields of Arrow."""
+def _flatten(rows: "pa.RecordBatch | pa.Table") -> "pa.Table":
+    """A table in which members of structures are columns, named by their paths."""
     import pyarrow as pa
 
-    found = list[str]()
-    for field in fields:
-        if pa.types.is_struct(field.type):
-            found += _list_paths(field.type, f"{start}{field.name}.")
-        elif is_list(field.type) or is_readable(field.type):
-            found.append(start + field.name)
-    return found
-
-
-def _list_columns(batch: Any) -> list[tuple[str, Any]]:
-    """Names and arrays of a RecordBatch; members of structures by their paths."""
-    import pyarrow as pa
-
-    found = list[tuple[str, Any]]()
-    for name, array in zip(batch.schema.names, batch.columns, strict=True):
-        if pa.types.is_struct(array.type):
-            names = [f"{name}.{field.name}" for field in array.type]
-            inner = pa.RecordBatch.from_arrays(array.flatten(), names)
-            found += _list_columns(inner)
-        else:
-            found.append((name, array))
-    return found
+    table = rows if isinstance(rows, pa.Table) else pa.Table.from_batches([rows])
+    while any(map(pa.types.is_struct, table.schema.types)):
+        table = table.flatten()
+    return table

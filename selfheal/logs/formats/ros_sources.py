@@ -5,14 +5,19 @@ import io
 import struct
 import zlib
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING
 
 from ...errors import InputError
 from .common import get_size, import_extra
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Schema
+    from rosbags.rosbag1.reader import Reader as _Reader
 
 # bytes of a chunk of messages, unpacked; chosen: far above those that recorders write
 _MAX_CHUNK = 256_000_000
@@ -87,7 +92,7 @@ class McapSource(Source):
     def __init__(self, path: Path) -> None:
         self.path = path
         reader = import_extra("mcap.reader", "MCAP")
-        self._index = list[Any]()
+        self._index: Sequence[ChunkIndex] = ()
         summary, self._end = None, get_size(path)
         with path.open("rb") as file:
             if _is_whole(file):
@@ -97,7 +102,6 @@ class McapSource(Source):
                 self._end = _find_end(file)
                 left = get_size(path) - self._end
                 self.loss = f"it is cut off, its last {left} bytes are no whole record"
-        schemas, channels, counts = {}, {}, dict[int, int]()
         if summary is not None and summary.channels and summary.statistics:
             schemas, channels = summary.schemas, summary.channels
             counts = summary.statistics.channel_message_counts
@@ -105,14 +109,7 @@ class McapSource(Source):
                 summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset
             )
         else:
-            for record in self._scan():
-                if hasattr(record, "schema_id"):
-                    channels[record.id] = record
-                elif hasattr(record, "channel_id"):
-                    key = record.channel_id
-                    counts[key] = counts.get(key, 0) + 1
-                else:
-                    schemas[record.id] = record
+            schemas, channels, counts = self._scan()
         if self.loss and not channels:
             raise InputError(f"{path}: it is cut off before its first message")
         self._names = {key: channel.topic for key, channel in channels.items()}
@@ -124,50 +121,61 @@ class McapSource(Source):
 
     def read(self, topics: set[str]) -> Iterator[Message]:
         """Messages of some topics, chunk by chunk."""
+        from mcap import records
+
         keys = {key for key, name in self._names.items() if name in topics}
         size, left = get_size(self.path), sum(self._counts.get(key, 0) for key in keys)
         for place, record in self._walk(keys):
-            share = min(1, place / size)
-            if hasattr(record, "compression"):
-                for key, time, content in _read_chunk(_unpack(record).data):
-                    if key in keys:
-                        left -= 1
-                        yield Message(self._names[key], time, content, share)
-            elif getattr(record, "channel_id", None) in keys:
-                left -= 1
-                name = self._names[record.channel_id]
-                yield Message(name, record.log_time, record.data, share)
+            found: Iterable[tuple[int, int, bytes]] = ()
+            if isinstance(record, records.Chunk):
+                found = _read_chunk(_unpack(record).data)
+            elif isinstance(record, records.Message):
+                found = [(record.channel_id, record.log_time, record.data)]
+            for key, time, content in found:
+                if key in keys:
+                    left -= 1
+                    yield Message(self._names[key], time, content, min(1, place / size))
         if left > 0:
             self.loss = f"{left} messages that it lists are not found"
 
-    def _scan(self) -> Iterator[Any]:
-        """All schemas, channels and messages, of a file that does not list them."""
-        stream_reader = import_extra("mcap.stream_reader", "MCAP")
-        for _, record in self._walk(None):
-            if hasattr(record, "compression"):
-                yield from stream_reader.breakup_chunk(_unpack(record))
-            else:
-                yield record
+    def _scan(self) -> "tuple[dict[int, Schema], dict[int, Channel], dict[int, int]]":
+        """Schemas, channels and counts of messages, of a file that lists none."""
+        from mcap import records
+        from mcap.stream_reader import breakup_chunk
 
-    def _walk(self, keys: set[int] | None) -> Iterator[tuple[int, Any]]:
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, Channel] = {}
+        counts = Counter[int]()
+        for _, record in self._walk(None):
+            parts = [record]
+            if isinstance(record, records.Chunk):
+                parts = breakup_chunk(_unpack(record))
+            for part in parts:
+                if isinstance(part, records.Channel):
+                    channels[part.id] = part
+                elif isinstance(part, records.Schema):
+                    schemas[part.id] = part
+                elif isinstance(part, records.Message):
+                    counts[part.channel_id] += 1
+        return schemas, channels, counts
+
+    def _walk(self, keys: set[int] | None) -> "Iterator[tuple[int, McapRecord]]":
         """Place [B] and record of chunks, and of what stands in no chunk.
 
         Chunks of which the index says that they have none of some channels are
         skipped.
         """
-        stream_reader = import_extra("mcap.stream_reader", "MCAP")
-        records = import_extra("mcap.records", "MCAP")
-        wanted = (records.Schema, records.Channel, records.Message, records.Chunk)
+        from mcap import records
+        from mcap.stream_reader import StreamReader
+
+        wanted = records.Schema, records.Channel, records.Message, records.Chunk
         with self.path.open("rb") as file:
             for start in self._list_starts(keys):
                 file.seek(start)
                 if start == 0 and self._end <= _MAGIC_SIZE:
                     return
-                stream = stream_reader.StreamReader(
-                    file, skip_magic=start > 0, emit_chunks=True,
-                    record_size_limit=2 * _MAX_CHUNK,
-                )  # fmt: skip
-                for record in stream.records:
+                limit = 2 * _MAX_CHUNK
+                for record in StreamReader(file, start > 0, True, False, limit).records:
                     if isinstance(record, wanted):
                         yield file.tell(), record
                     is_last = file.tell() >= self._end
@@ -207,7 +215,7 @@ def _find_end(file: IO[bytes]) -> int:
     return end
 
 
-def _make_topic(channel: Any, schema: Any, count: int) -> Topic:
+def _make_topic(channel: "Channel", schema: "Schema | None", count: int) -> Topic:
     """A topic of an MCAP channel."""
     form = _FORMS.get(schema.encoding, "") if schema else ""
     kind = schema.name if schema else ""
@@ -223,7 +231,7 @@ def _make_topic(channel: Any, schema: Any, count: int) -> Topic:
     )
 
 
-def _unpack(chunk: Any) -> Any:
+def _unpack(chunk: "Chunk") -> "Chunk":
     """An MCAP chunk unpacked, its size and its checksum checked."""
     if chunk.uncompressed_size > _MAX_CHUNK:
         raise InputError(f"a chunk of {chunk.uncompressed_size} bytes")
@@ -280,73 +288,49 @@ class SqliteSource(Source):
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        forms = import_extra("rosbags.interfaces", "ROS bags").MessageDefinitionFormat
+        with closing(self._open()) as reader:
+            self.topics = [
+                Topic(
+                    name=str(found.topic),
+                    kind=str(found.msgtype),
+                    definition=found.msgdef.data.encode(),
+                    form="idl" if found.msgdef.format == forms.IDL else "msg",
+                    coding=getattr(found.ext, "serialization_format", "ros1"),
+                    count=found.msgcount,
+                )
+                for found in reader.connections
+            ]
+
+    def _open(self) -> "_Reader":
         storage = import_extra("rosbags.rosbag2.storage_sqlite3", "ROS bags")
-        self._open: Callable[[], Any] = lambda: _open_reader(
-            storage.Sqlite3Reader(path)
-        )
-        self.topics = _list_topics(self._open())
+        reader: _Reader = storage.Sqlite3Reader(self.path)
+        reader.open()
+        return reader
 
     def read(self, topics: set[str]) -> Iterator[Message]:
         """Messages of some topics by their time."""
-        yield from _read_messages(self._open(), topics)
+        with closing(self._open()) as reader:
+            wanted = [found for found in reader.connections if found.topic in topics]
+            total = max(1, sum(found.msgcount for found in wanted))
+            messages = reader.messages(wanted) if wanted else ()
+            for number, (connection, time, content) in enumerate(messages):
+                share = min(1, (number + 1) / total)
+                yield Message(connection.topic, time, content, share)
 
 
-class Bag1Source(Source):
+class Bag1Source(SqliteSource):
     """A ROS 1 bag."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def _open(self) -> "_Reader":
         module = import_extra("rosbags.rosbag1.reader", "ROS bags")
         limits = {
             module.decompressors["bz2"]: _unpack_bz2,
             module.decompressors["lz4"]: _unpack_lz4,
         }
-
-        def open_bag() -> Any:
-            reader = _open_reader(module.Reader(path))
-            for place, chunk in reader.chunks.items():
-                unpack = limits.get(chunk.decompressor, chunk.decompressor)
-                reader.chunks[place] = chunk._replace(decompressor=unpack)
-            return reader
-
-        self._open: Callable[[], Any] = open_bag
-        self.topics = _list_topics(self._open(), coding="ros1")
-
-    def read(self, topics: set[str]) -> Iterator[Message]:
-        """Messages of some topics by their time."""
-        yield from _read_messages(self._open(), topics)
-
-
-def _open_reader(reader: Any) -> Any:
-    reader.open()
-    return reader
-
-
-def _list_topics(reader: Any, coding: str = "") -> list[Topic]:
-    """Topics of a reader of rosbags, which is closed."""
-    forms = import_extra("rosbags.interfaces", "ROS bags").MessageDefinitionFormat
-    with closing(reader):
-        return [
-            Topic(
-                name=str(found.topic),
-                kind=str(found.msgtype),
-                definition=found.msgdef.data.encode(),
-                form="idl" if found.msgdef.format == forms.IDL else "msg",
-                coding=coding or found.ext.serialization_format,
-                count=found.msgcount,
-            )
-            for found in reader.connections
-        ]
-
-
-def _read_messages(reader: Any, topics: set[str]) -> Iterator[Message]:
-    """Messages of some topics of a reader of rosbags, which is closed at the end."""
-    with closing(reader):
-        wanted = [found for found in reader.connections if found.topic in topics]
-        total = max(1, sum(found.msgcount for found in wanted))
-        if not wanted:
-            return
-        for number, found in enumerate(reader.messages(wanted)):
-            connection, time, content = found
-            share = min(1, (number + 1) / total)
-            yield Message(connection.topic, time, content, share)
+        reader: _Reader = module.Reader(self.path)
+        reader.open()
+        for place, chunk in reader.chunks.items():
+            unpack = limits.get(chunk.decompressor, chunk.decompressor)
+            reader.chunks[place] = chunk._replace(decompressor=unpack)
+        return reader

@@ -1,9 +1,14 @@
 """Types of ROS messages: takes definitions of a log, gives what decodes messages."""
 
 import re
-from typing import Any
+from collections.abc import Sequence
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from .common import import_extra
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
 
 # rosbags writes program text from these names, so that they must be names indeed
 _TYPE_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)+", re.ASCII)
@@ -11,13 +16,15 @@ _FIELD_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _MAX_TEXT = 1_000_000  # characters of a definition; chosen: ten times the longest known
 _MAX_FIELDS = 10_000  # of all types of a definition; chosen likewise
 _MAX_ARRAY = 1_000  # messages or texts in an array, each of which is a line of program
+# constants and fields of types, each a name and what rosbags says of it
+Types = dict[str, tuple[Sequence[tuple], Sequence[tuple[str, tuple]]]]
 
 
 class UnknownTypeError(Exception):
     """A type that is not defined, or whose definition cannot be used."""
 
 
-def make_typestore(name: str, text: str, form: str) -> Any:
+def make_typestore(name: str, text: str, form: str) -> "Typestore":
     """What decodes messages of a type.
 
     Args:
@@ -52,58 +59,51 @@ def make_typestore(name: str, text: str, form: str) -> Any:
     return store
 
 
-def _parse(typesys: Any, name: str, text: str, form: str) -> dict[str, Any]:
+def _parse(typesys: ModuleType, name: str, text: str, form: str) -> Types:
     """Types of a definition by name: constants and fields."""
     if form == "msg":
         return dict(typesys.get_types_from_msg(text, name))
-    found = dict[str, Any]()
+    found: Types = {}
     for part in re.split(r"^=+\n", text, flags=re.M):
         found |= typesys.get_types_from_idl(re.sub(r"\AIDL: .*\n", "", part))
     return found
 
 
-def _check_types(found: dict[str, Any]) -> None:
+def _check_types(found: Types) -> None:
     """Refuse names that are none and arrays that are too long."""
+    nodes = import_extra("rosbags.interfaces", "ROS bags").Nodetype
     count = 0
     for name, (constants, fields) in found.items():
-        names = [constant[0] for constant in constants] + [field[0] for field in fields]
+        names = [entry[0] for entry in (*constants, *fields)]
         count += len(names)
         if not _TYPE_NAME.fullmatch(name) or count > _MAX_FIELDS:
             raise ValueError("a name that is none, or too many fields")
         if not all(_FIELD_NAME.fullmatch(name) for name in names):
             raise ValueError("a name of a field that is none")
-        for _, kind in fields:
-            _check_kind(kind)
+        for _, (node, inner) in fields:
+            kind, length = inner if _is_array(node) else ((node, inner), 0)
+            is_written_out = kind[0] == nodes.NAME or kind[1][0] == "string"
+            if node == nodes.ARRAY and is_written_out and length > _MAX_ARRAY:
+                raise ValueError("an array that is too long")
+            if kind[0] == nodes.NAME and not _TYPE_NAME.fullmatch(kind[1]):
+                raise ValueError("a name of a type that is none")
 
 
-def _check_kind(kind: Any) -> None:
-    """Refuse a field whose type has no name, or that is an array that is too long."""
+def _is_array(node: object) -> bool:
     nodes = import_extra("rosbags.interfaces", "ROS bags").Nodetype
-    if kind[0] in (nodes.ARRAY, nodes.SEQUENCE):
-        inner, length = kind[1]
-        if kind[0] == nodes.ARRAY and is_written_out(inner) and length > _MAX_ARRAY:
-            raise ValueError("an array that is too long")
-        kind = inner
-    if kind[0] == nodes.NAME and not _TYPE_NAME.fullmatch(kind[1]):
-        raise ValueError("a name of a type that is none")
+    return node in (nodes.ARRAY, nodes.SEQUENCE)
 
 
-def is_written_out(kind: Any) -> bool:
-    """Whether each element of an array of a kind takes program text of its own."""
-    nodes = import_extra("rosbags.interfaces", "ROS bags").Nodetype
-    return kind[0] == nodes.NAME or kind[1][0] == "string"
-
-
-def _find_missing(found: dict[str, Any], known: dict[str, Any]) -> dict[str, Any]:
+def _find_missing(found: Types, known: Types) -> Types:
     """Types that some types need and a definition lacks, of those that all know."""
     nodes = import_extra("rosbags.interfaces", "ROS bags").Nodetype
-    missing = dict[str, Any]()
+    missing: Types = {}
     left = list(found.values())
     while left:
-        for _, kind in left.pop()[1]:
-            kind = kind[1][0] if kind[0] in (nodes.ARRAY, nodes.SEQUENCE) else kind
-            name = kind[1] if kind[0] == nodes.NAME else ""
-            if name in known and name not in found and name not in missing:
+        for _, (node, inner) in left.pop()[1]:
+            what, name = inner[0] if _is_array(node) else (node, inner)
+            is_new = what == nodes.NAME and name not in {**found, **missing}
+            if is_new and name in known:
                 missing[name] = known[name]
                 left.append(known[name])
     return missing

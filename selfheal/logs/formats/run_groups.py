@@ -2,10 +2,18 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
+from dataclasses import replace
 
-from .arrays import Run, Table, group_arrays, is_usable
 from .common import order_naturally
+from .tables import (
+    Array,
+    Run,
+    Table,
+    group_arrays,
+    is_usable,
+    make_length_tables,
+    make_table,
+)
 
 # how people call runs
 _RUN = re.compile(
@@ -16,7 +24,7 @@ _RUN = re.compile(
 
 
 def make_tables(
-    arrays: Mapping[str, Any], units: Mapping[str, str] | None = None
+    arrays: Mapping[str, Array], units: Mapping[str, str] | None = None
 ) -> list[Table]:
     """Tables of arrays: one of the groups that are alike, and others by their lengths.
 
@@ -30,26 +38,25 @@ def make_tables(
     units = units or {}
     groups = _find_runs(arrays)
     if len(groups) < 2:
-        tables = group_arrays(arrays)
-        return [Table(t.runs, t.name, units) for t in tables]
+        return make_length_tables(arrays, units)
     inner, runs = dict[str, str](), list[Run]()
     for path in sorted(groups, key=order_naturally):
-        start = len(path) + 1
-        members = {name[start:]: arrays[name] for name in groups[path]}
-        inner |= {name[start:]: units[name] for name in groups[path] if name in units}
-        longest = group_arrays(members)
-        if longest:
-            runs.append(Run(longest[0].runs[0].arrays, path.rpartition("/")[2]))
+        start, label = len(path) + 1, path.rpartition("/")[2]
+        inner |= {name[start:]: units.get(name, "") for name in groups[path]}
+        members = group_arrays({name[start:]: arrays[name] for name in groups[path]})
+        runs += [replace(run, label=label) for run in members[:1]]
     taken = {name for names in groups.values() for name in names}
     rest = {path: array for path, array in arrays.items() if path not in taken}
-    others = [
-        Table(table.runs, f"others of {table.runs[0].count()} rows", units)
-        for table in group_arrays(rest)
+    return [
+        make_table(runs, "", inner),
+        *(
+            make_table([run], f"others of {run.count()} rows", units)
+            for run in group_arrays(rest)
+        ),
     ]
-    return [Table(runs, "", inner), *others]
 
 
-def _find_runs(arrays: Mapping[str, Any]) -> dict[str, list[str]]:
+def _find_runs(arrays: Mapping[str, Array]) -> dict[str, list[str]]:
     """Paths of the arrays in each of the groups that are alike, where most are."""
     below = dict[str, dict[str, list[str]]]()  # by parent and group
     for path in arrays:

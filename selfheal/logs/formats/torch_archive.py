@@ -9,23 +9,25 @@ import math
 import pickle
 import zipfile
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from ...errors import InputError
 from ...files import MAX_VALUES
 from ..base import Log, LogFormat
-from .arrays import ArrayLog, Table, group_arrays
 from .common import explain_damage, read_start
+from .tables import Table, TableLog, make_length_tables
 
 _MAX_PICKLE = 10_000_000  # bytes; chosen: a log's has hundreds
-_TYPES = {"Float": "f4", "Double": "f8", "Half": "f2", "Int": "i4", "Long": "i8",
-          "Short": "i2", "Char": "i1", "Byte": "u1", "Bool": "?"}  # fmt: skip
+_TYPES = {
+    **{"Float": "f4", "Double": "f8", "Half": "f2", "Bool": "?", "Byte": "u1"},
+    **{"Long": "i8", "Int": "i4", "Short": "i2", "Char": "i1"},
+}
 _TIMES = ("time", "t", "timestamp")
 # operations of pickle that make numbers, texts, containers and calls
 _ALLOWED = (
@@ -34,7 +36,7 @@ _ALLOWED = (
     "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 APPEND APPENDS SETITEM SETITEMS BINGET "
     "LONG_BINGET BINPUT LONG_BINPUT MEMOIZE GLOBAL STACK_GLOBAL REDUCE BINPERSID"
 ).split()
-_READER: Any = pickle._Unpickler  # the one in Python, whose operations are a table
+_READER = pickle._Unpickler  # the one in Python, whose operations are a table
 
 
 class TorchFormat(LogFormat):
@@ -57,7 +59,7 @@ class TorchFormat(LogFormat):
         with explain_damage(path, "PyTorch archive"):
             with zipfile.ZipFile(path) as archive:
                 tensors = _list_tensors(_read_document(archive))
-            return ArrayLog(path, [_add_time(t) for t in group_arrays(tensors)])
+            return TableLog(path, [_add_time(t) for t in make_length_tables(tensors)])
 
 
 def _find_pickle(archive: zipfile.ZipFile) -> str | None:
@@ -68,11 +70,10 @@ def _find_pickle(archive: zipfile.ZipFile) -> str | None:
 
 def _add_time(table: Table) -> Table:
     """A table with its time, where it has one of a name that PACE uses, in seconds."""
-    time = next((name for name in _TIMES if name in table.runs[0].arrays), "")
-    return replace(table, units={time: "s"} if time else {}, time=time)
+    return replace(table, time=next((n for n in _TIMES if n in table.cells), ""))
 
 
-def _read_document(archive: zipfile.ZipFile) -> Any:
+def _read_document(archive: zipfile.ZipFile) -> object:
     """What was saved, with arrays in place of tensors."""
     name = _find_pickle(archive)
     if name is None:
@@ -90,14 +91,7 @@ def _read_document(archive: zipfile.ZipFile) -> Any:
         raise InputError(f"it holds more than tensors ({error})") from error
 
 
-class _Storage:
-    """Numbers of one type, which tensors are made of."""
-
-    def __init__(self, values: Any) -> None:
-        self.values = values
-
-
-class _TensorReader(_READER):  # type: ignore[misc]
+class _TensorReader(_READER):
     """Reads a pickle of tensors; refuses all that is not needed for it."""
 
     dispatch = {
@@ -110,11 +104,11 @@ class _TensorReader(_READER):  # type: ignore[misc]
     ) -> None:
         super().__init__(BytesIO(content))
         self._archive, self._root = archive, root
-        self._order: Any = order
-        self._storages = dict[str, _Storage]()
+        self._order: Literal[">", "<"] = ">" if order == "big" else "<"
+        self._storages = dict[str, np.ndarray]()
         self._left = MAX_VALUES
 
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> Callable[..., object] | str:
         """One of the few names that a pickle of tensors has."""
         if (module, name) == ("collections", "OrderedDict"):
             return OrderedDict
@@ -127,7 +121,7 @@ class _TensorReader(_READER):  # type: ignore[misc]
             return _TYPES[kind]  # a text: a call of it is an error
         raise InputError(f"a {module[:40]!r} {name[:40]!r}; would fit: tensors")
 
-    def persistent_load(self, saved: Any) -> _Storage:
+    def persistent_load(self, saved: tuple[str, str, str, str, int]) -> np.ndarray:
         """The numbers of a member of the archive."""
         what, kind, key, _, count = saved
         if what != "storage" or kind not in _TYPES.values() or "/" in key:
@@ -139,40 +133,44 @@ class _TensorReader(_READER):  # type: ignore[misc]
             if member.file_size != count * type_.itemsize or self._left < 0:
                 raise InputError("a storage that has another size than it states")
             content = self._archive.read(member)
-            self._storages[key] = _Storage(np.frombuffer(content, type_))
+            self._storages[key] = np.frombuffer(content, type_)
         return self._storages[key]
 
 
 def _rebuild_tensor(
-    storage: _Storage, offset: int, size: Sequence[int], stride: Sequence[int], *_: Any
-) -> Any:
+    values: np.ndarray,
+    offset: int,
+    size: Sequence[int],
+    stride: Sequence[int],
+    *_: object,
+) -> np.ndarray:
     """A tensor of a storage, as torch._utils._rebuild_tensor_v2 makes it.
 
     Args:
+        values: (n) of the storage.
         size: length of each axis.
         stride: numbers from one to the next along each axis.
     """
-    values = storage.values
     steps = list(zip(size, stride, strict=True))
     if offset < 0 or any(length < 0 or step < 0 for length, step in steps):
         raise InputError("a tensor of no size")
     last = offset + sum((length - 1) * step for length, step in steps)
     if math.prod(size) > values.size or (values.size and last >= values.size):
         raise InputError("a tensor larger than its storage")
+    byte_steps = [step * values.itemsize for step in stride]
     return np.lib.stride_tricks.as_strided(
-        values[offset:], tuple(size), [s * values.itemsize for s in stride],
-        writeable=False,
-    )  # fmt: skip
+        values[offset:], tuple(size), byte_steps, writeable=False
+    )
 
 
-def _rebuild_parameter(tensor: Any, *_: Any) -> Any:
+def _rebuild_parameter(tensor: object, *_: object) -> object:
     """The tensor in a parameter of a network."""
     return tensor
 
 
-def _list_tensors(document: Any) -> Mapping[str, Any]:
+def _list_tensors(document: object) -> dict[str, np.ndarray]:
     """Tensors in containers by their paths."""
-    found, seen = dict[str, Any](), set[int]()
+    found, seen = dict[str, np.ndarray](), set[int]()
     left = [("", document)]
     while left:
         path, value = left.pop()
@@ -181,7 +179,7 @@ def _list_tensors(document: Any) -> Mapping[str, Any]:
         if id(value) in seen:  # a container that holds itself, or often the same
             continue
         seen.add(id(value))
-        members: Any = ()
+        members = list[tuple[str, object]]()
         if isinstance(value, dict):
             members = [(f"{path}.{k}" if path else str(k), v) for k, v in value.items()]
         elif isinstance(value, list | tuple):

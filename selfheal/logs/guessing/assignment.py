@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,15 +12,8 @@ from ..base import Stream
 from ..log_map import ColumnRule
 from ..model_facts import Place
 from ..motion import Sample
-from .column_names import (
-    DIFFERENCES,
-    FILLERS,
-    NameFacts,
-    find_stem,
-    score_kinds,
-    score_names,
-)
-from .column_names import read_name as read_column_name
+from .column_names import NameFacts, find_number, read_name, score_kinds, score_names
+from .words import read_words
 
 Floats = NDArray[np.float64]
 # what speaks for a place, in nats; chosen: a name outweighs all else
@@ -28,8 +21,6 @@ _NAME, _ORDER, _POSITION = 6.0, 1.5, 0.5
 _LEAST_KIND = 0.15  # below, the words of a name say nothing of its kind; chosen
 _VECTOR = re.compile(r"(.+?)[._ /]?([xyzw])$")
 ELEMENT = re.compile(r"(.+)\[(\d+)\]$")
-# words of an array that is a vector of the robot's body, not of its joints
-_BODIES = {"base", "root", "trunk", "torso", "pelvis", "imu", "quat", "quaternion"}
 
 
 @dataclass(frozen=True)
@@ -54,6 +45,11 @@ class Column:
     time: Floats
     rule: ColumnRule | None = None
     told: float = 0.0
+
+
+def qualify(column: Column, several: bool) -> str:
+    """The name of a column in a map, with its stream where the log has several."""
+    return f"{column.stream}:{column.name}" if several else column.name
 
 
 @dataclass(frozen=True)
@@ -81,24 +77,17 @@ def list_columns(
     Args:
         taken: "STREAM:COLUMN" of those that hold times and labels.
     """
-    return [
-        Column(
-            stream.name,
-            name,
-            _read_facts(stream, name),
-            samples[stream.name].columns[name],
-            samples[stream.name].time,
-        )
-        for stream in streams
-        for name in stream.columns
-        if f"{stream.name}:{name}" not in taken and name in samples[stream.name].columns
-    ]
-
-
-def _read_facts(stream: Stream, name: str) -> NameFacts:
-    """What a name says, and the unit that the log states for it."""
-    facts = read_column_name(stream.name, name)
-    return NameFacts(facts.tokens, facts.own, stream.columns[name] or facts.unit)
+    found = list[Column]()
+    for stream in streams:
+        sample = samples[stream.name]
+        for name, unit in stream.columns.items():
+            if f"{stream.name}:{name}" in taken or name not in sample.columns:
+                continue
+            facts = read_name(stream.name, name)
+            facts = replace(facts, unit=unit or facts.unit)
+            values = sample.columns[name]
+            found.append(Column(stream.name, name, facts, values, sample.time))
+    return found
 
 
 def group_vectors(columns: Sequence[Column]) -> dict[tuple[str, str], list[Column]]:
@@ -124,7 +113,7 @@ def _is_of_body(column: Column) -> bool:
     """Whether a preset, or else the name, says that a column is of a body."""
     if column.rule:
         return column.rule.kind.startswith("body_")
-    return bool(_BODIES & {*column.facts.own})
+    return not read_words().bodies.isdisjoint(column.facts.own)
 
 
 def group_scalars(
@@ -140,17 +129,19 @@ def group_scalars(
         Kind, how far ahead of the next kind it is, and the columns; first those whose
         names say most.
     """
-    own = {word for place in places for name in (place.name, *place.aliases)
-           for word in read_column_name("", name).own} - FILLERS  # fmt: skip
+    words = read_words()
+    names = {name for place in places for name in (place.name, *place.aliases)}
+    own = {word for name in names for word in read_name("", name).own} - words.beside
     groups = dict[tuple[str, int, tuple[str, ...]], list[Column]]()
     for column in columns:
-        if DIFFERENCES & {*column.facts.own}:
+        if not words.differences.isdisjoint(column.facts.own):
             continue
         stem = tuple(
-            word for word in column.facts.own
-            if not word.isdigit() and word not in own
-            and (len(word) > 1 or word in FILLERS)
-        )  # fmt: skip
+            word
+            for word in column.facts.own
+            if word in words.beside
+            or not (word.isdigit() or word in own or len(word) == 1)
+        )
         key = column.stream, id(column.rule), () if column.rule else stem
         groups.setdefault(key, []).append(column)
     found = []
@@ -188,23 +179,22 @@ def assign_columns(
         return []
     score = np.zeros((len(columns), len(places)))
     why = [["" for _ in places] for _ in columns]
-    numbers = [find_stem(column.name)[1] for column in columns]
-    whole = len(columns) == len(places)
-    numbered = whole and sorted(numbers) == list(range(min(numbers), min(numbers)
-               + len(columns))) and min(numbers) in (0, 1)  # fmt: skip
+    numbers = [find_number(column.name) for column in columns]
+    first, whole = min(numbers), len(columns) == len(places)
+    in_a_row = sorted(numbers) == [*range(first, first + len(columns))]
+    if whole and in_a_row and first in (0, 1):
+        ranks, worth, word = [n - first for n in numbers], _ORDER, "its number"
+    else:
+        ranks, worth = [*range(len(columns))], _POSITION
+        word = "its place in the order"
     for i, column in enumerate(columns):
         for j, place in enumerate(places):
             named = score_names(column.facts, place.name, place.aliases)
-            rank = numbers[i] - min(numbers) if numbered else i
-            ordered = (_ORDER if numbered else _POSITION) * (whole and rank == j)
+            is_next = whole and ranks[i] == j
             more, reason = judge(column, place)
-            score[i, j] = _NAME * named + ordered + more
-            words = ["its name"] * (named > 0.3)
-            words += ["its number"] * (numbered and rank == j and named <= 0.3)
-            words += ["its place in the order"] * (
-                not numbered and whole and rank == j and named <= 0.3
-            )
-            why[i][j] = " and ".join([*words, *([reason] if reason else [])])
+            score[i, j] = _NAME * named + worth * is_next + more
+            by_name = "its name" if named > 0.3 else word * is_next
+            why[i][j] = " and ".join(filter(None, (by_name, reason)))
     found = []
     for i, j in zip(*linear_sum_assignment(-score), strict=True):
         if score[i, j] <= 0 and len(places) > 1:

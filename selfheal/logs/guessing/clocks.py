@@ -1,6 +1,6 @@
 """When rows were measured and what parts a log: streams in; clocks out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,11 +12,8 @@ from ..motion import Sample
 from ..timeline import StreamTime, split_rows
 from ..units import find_unit, get_unit
 from .column_names import read_name
+from .words import read_words
 
-_TIME_WORDS = {"time", "timestamp", "t", "stamp", "sec", "secs", "seconds", "clock",
-               "timestamps", "ts", "elapsed", "millis", "micros"}  # fmt: skip
-_EPISODE_WORDS = {"episode", "run", "trial", "traj", "trajectory", "rollout", "demo",
-                  "segment"}  # fmt: skip
 # [s] between rows of a robot's log; chosen: 5 kHz to 2 Hz
 _SHORTEST, _LONGEST = 2e-4, 0.5
 _GAP = 20  # times the median step, and above a second: another episode; chosen
@@ -42,7 +39,7 @@ class TimeGuess:
     episodes: EpisodeRule = field(default_factory=EpisodeRule)
 
 
-def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGuess:
+def guess_times(streams: Sequence[Stream], samples: Mapping[str, Sample]) -> TimeGuess:
     """Find the clocks of a log; the samples' times are set by them."""
     found = TimeGuess()
     for stream in streams:
@@ -51,23 +48,30 @@ def guess_times(streams: Sequence[Stream], samples: dict[str, Sample]) -> TimeGu
         found.clocks[stream.name] = clock
         found.notes[stream.name] = sure, why
         column = clock.column or ("" if clock.rate else stream.time)
-        if column:
-            found.taken.add(f"{stream.name}:{column}")
-        for name in stream.columns:  # other clocks are no signals either
-            words = set(read_name("", name).own)
-            if words & _TIME_WORDS and _is_increasing(sample.columns.get(name)):
-                found.taken.add(f"{stream.name}:{name}")
-        rows = len(next(iter(sample.columns.values()), ()))
-        unit = find_unit(clock.unit)
-        if column and column in sample.columns:
-            factor = unit.factor if unit and clock.column else 1.0
-            times: np.ndarray = sample.columns[column] * factor
+        # other clocks are no signals either
+        clocks = {column, *_list_named(stream, sample)} - {""}
+        found.taken |= {f"{stream.name}:{name}" for name in clocks}
+        if column in sample.columns:
+            unit = find_unit(clock.unit) if clock.column else None
+            times: np.ndarray = sample.columns[column] * (unit.factor if unit else 1)
         else:
+            rows = len(next(iter(sample.columns.values()), ()))
             period = 1 / clock.rate if clock.rate else stream.period or 0.0
             times = period * np.arange(rows)
         sample.time = _join_runs(times.astype(np.float64))
     found.episodes = _guess_episodes(streams, samples, found)
     return found
+
+
+def _list_named(stream: Stream, sample: Sample) -> list[str]:
+    """Columns whose names are of times and which increase."""
+    words = read_words().times
+    return [
+        name
+        for name in stream.columns
+        if not words.isdisjoint(read_name("", name).own)
+        and _is_increasing(sample.columns.get(name))
+    ]
 
 
 def _join_runs(time: np.ndarray) -> np.ndarray:
@@ -91,42 +95,29 @@ def _guess_clock(stream: Stream, sample: Sample) -> tuple[Clock, float, str]:
     """The clock of a stream, how sure it is, and why."""
     if stream.time:
         return Clock(), 0.99, f"the log's own time {stream.time!r}"
-    best: tuple[float, Clock, str] | None = None
-    for name in stream.columns:
-        facts = read_name("", name)
-        values = sample.columns.get(name)
-        if not set(facts.own) & _TIME_WORDS or not _is_increasing(values):
-            continue
-        assert values is not None
-        unit, sure = _guess_time_unit(stream.columns[name] or facts.unit, values)
+    found = list[tuple[Clock, float, str]]()
+    for name in _list_named(stream, sample):
+        values = sample.columns[name]
+        stated = stream.columns[name] or read_name("", name).unit
+        unit, sure = _guess_time_unit(stated, values)
         why = f"column {name!r} increases by {_measure_step(values):.4g}"
-        if best is None or sure > best[0]:
-            best = sure, Clock(name, unit), why
-    if best is not None:
-        return best[1], best[0], best[2]
-    if stream.period is None and (found := _find_clock_by_content(stream, sample)):
-        return found
+        found.append((Clock(name, unit), sure, why))
+    if found:
+        return max(found, key=lambda guess: guess[1])
     if stream.period is not None:
         return Clock(), 0.95, f"the log states {1 / stream.period:.4g} Hz"
-    return Clock(rate=100.0), 0.0, "the log has no time: write its rate in Hz"
-
-
-def _find_clock_by_content(
-    stream: Stream, sample: Sample
-) -> tuple[Clock, float, str] | None:
-    """The first column that increases as a clock does; None where there is none."""
+    # the first column that increases as a clock does
     for name in stream.columns:
-        values = sample.columns.get(name)
-        if values is None or values.size < _FEWEST or not _is_increasing(values):
+        values = sample.columns.get(name, np.empty(0))
+        if values.size < _FEWEST or not _is_increasing(values):
             continue
-        steps = np.diff(values)
         unit, sure = _guess_time_unit("", values)
-        step = _measure_step(values)
-        is_even = np.std(steps[steps > 0]) < step
-        if is_even and sure > 0.5 and not (steps[steps > 0] == 1).all():
+        step, steps = _measure_step(values), np.diff(values)
+        steps = steps[steps > 0]
+        if np.std(steps) < step and sure > 0.5 and not (steps == 1).all():
             why = f"only column {name!r} increases evenly, by {step:.4g}"
             return Clock(name, unit), 0.7 * sure, why
-    return None
+    return Clock(rate=100.0), 0.0, "the log has no time: write its rate in Hz"
 
 
 def _measure_step(values: np.ndarray) -> float:
@@ -177,7 +168,7 @@ def check_time_unit(clock: Clock, what: str, values: np.ndarray) -> str:
 
 
 def _guess_episodes(
-    streams: Sequence[Stream], samples: dict[str, Sample], found: TimeGuess
+    streams: Sequence[Stream], samples: Mapping[str, Sample], found: TimeGuess
 ) -> EpisodeRule:
     """What parts the log: a column of its own, a named one, or gaps."""
     for stream in streams:
@@ -186,11 +177,11 @@ def _guess_episodes(
             found.taken.add(f"{stream.name}:{stream.episode}")
             return EpisodeRule()
         for name in stream.columns:
-            if set(read_name("", name).own) & _EPISODE_WORDS:
-                values = sample.columns.get(name)
-                if name in sample.texts or _is_label(values):
-                    found.taken.add(f"{stream.name}:{name}")
-                    return EpisodeRule(column=name)
+            if read_words().episodes.isdisjoint(read_name("", name).own):
+                continue
+            if name in sample.texts or _is_label(sample.columns.get(name)):
+                found.taken.add(f"{stream.name}:{name}")
+                return EpisodeRule(column=name)
     times = [s.time[np.isfinite(s.time)] for s in samples.values()]
     steps = np.diff(np.sort(np.concatenate([np.empty(0), *times])))
     usual = max((float(np.median(np.diff(t))) for t in times if t.size > 1), default=0)
@@ -203,5 +194,5 @@ def _is_label(values: np.ndarray | None) -> bool:
     """Whether a column (n) holds whole numbers that seldom change."""
     if values is None or not values.size or not np.isfinite(values).all():
         return False
-    return bool((values == np.round(values)).all() and (np.diff(values) != 0).mean()
-                < 0.05)  # fmt: skip
+    changes = (np.diff(values) != 0).mean()
+    return bool((values == np.round(values)).all() and changes < 0.05)

@@ -2,7 +2,7 @@
 
 import itertools
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -28,6 +28,7 @@ from .assignment import (
     group_scalars,
     group_vectors,
     list_columns,
+    qualify,
 )
 from .clocks import TimeGuess, guess_times
 from .content import find_kinds
@@ -42,8 +43,11 @@ if TYPE_CHECKING:
 # nats that a perfect correlation, and being within limits, speak for a place; chosen
 _FOLLOWS, _INSIDE = 2.0, 1.0
 _MOTION = ("joint_position", "joint_velocity", COMMAND)
-_SCALARS = ("joint_position", "joint_velocity", COMMAND, "joint_torque",
-            "supply_voltage", "temperature")  # fmt: skip
+_SCALARS = (*_MOTION, "joint_torque", "supply_voltage", "temperature")
+_AS_COMMANDS = (
+    "the log has no commands; the measured efforts are taken for what the motors were "
+    "told: look whether they are torques, or currents"
+)
 
 
 @dataclass
@@ -105,23 +109,15 @@ def guess_map(log: Log, model: "mujoco.MjModel", preset: LogMap | None = None) -
     ]
     lines, notes = match_vectors(vectors, by_kind, several)
     found.lines += lines
-    found.remarks += notes
     used = {name for line in found.lines for name in line.columns}
     found.unused = [name for c in columns if (name := qualify(c, several)) not in used]
-    commanded = {m.place.name for m in matches if m.place.kind == COMMAND}
-    found.missing = [
-        p.name for p in by_kind.get(COMMAND, ()) if p.name not in commanded
-    ]
-    read = {m.place.joint for m in matches if m.place.kind == "joint_position"}
-    found.unread = [
-        p.name for p in by_kind.get("joint_position", ()) if p.joint not in read
-    ]
-    if as_commands:
-        found.remarks.append(
-            "the log has no commands; the measured efforts are taken for what the "
-            "motors were told: look whether they are torques, or currents"
-        )
-    found.remarks += _list_remarks(found, matches, by_kind, model, relations)
+    given = {m.place.name for m in matches if m.place.kind == COMMAND}
+    found.missing = [p.name for p in by_kind.get(COMMAND, ()) if p.name not in given]
+    read = {m.place.name for m in matches if m.place.kind == "joint_position"}
+    joints = by_kind.get("joint_position", ())
+    found.unread = [p.name for p in joints if p.name not in read]
+    found.remarks = [*notes, *[_AS_COMMANDS] * as_commands]
+    found.remarks += _list_remarks(found, matches, model, relations)
     found.remarks += _list_texts(found, samples)
     return found
 
@@ -145,19 +141,16 @@ def _leave_out_zeros(
     """Columns without rows of zeros that no sensor has read, and who had some."""
     read = dict[int, Column]()
     for kind, _, members in group_scalars(columns, places):
-        if kind == "joint_position" and len({c.values.size for c in members}) == 1:
-            values = np.stack([c.values for c in members], axis=1)
-            values[find_zero_rows(values)] = np.nan
-            if np.isnan(values).sum() > sum(np.isnan(c.values).sum() for c in members):
-                read |= {id(c): replace(c, values=v)
-                         for c, v in zip(members, values.T, strict=True)}  # fmt: skip
+        if kind != "joint_position" or len({c.values.size for c in members}) > 1:
+            continue
+        values = np.stack([c.values for c in members], axis=1)
+        zeros = find_zero_rows(values)
+        if np.isfinite(values[zeros]).any():
+            values[zeros] = np.nan
+            for column, own in zip(members, values.T, strict=True):
+                read[id(column)] = replace(column, values=own)
     names = {name for c in read.values() for name in (qualify(c, True), c.name)}
     return [read.get(id(c), c) for c in columns], names
-
-
-def qualify(column: Column, several: bool) -> str:
-    """The name of a column in a map, with its stream where the log has several."""
-    return f"{column.stream}:{column.name}" if several else column.name
 
 
 def _match_scalars(
@@ -170,8 +163,7 @@ def _match_scalars(
     groups = group_scalars(columns, places)
     found = list[Match]()
     for kind in _SCALARS:
-        positions = {m.place.joint: m.column for m in found
-                     if m.place.kind == "joint_position"}  # fmt: skip
+        positions = _list_positions(found)
         left = list(by_kind.get(kind, ()))
         for group_kind, ahead, members in groups:
             if group_kind != kind:
@@ -188,6 +180,12 @@ def _match_scalars(
     return found
 
 
+def _list_positions(matches: Sequence[Match]) -> dict[int, Column]:
+    """Columns of positions by their joints."""
+    kind = "joint_position"
+    return {m.place.joint: m.column for m in matches if m.place.kind == kind}
+
+
 def _take_torques_as_commands(
     matches: list[Match], by_kind: Mapping[str, Sequence[Place]]
 ) -> tuple[list[Match], bool]:
@@ -199,16 +197,21 @@ def _take_torques_as_commands(
     motors = {p.name: p for p in by_kind.get(COMMAND, ())}
     torques = {m.place.name for m in matches if m.place.kind == "joint_torque"}
     given = any(m.place.kind == COMMAND for m in matches)
-    if given or not motors or torques != set(motors):
+    # servos are told no torques
+    if given or not motors or any(place.unit for place in motors.values()):
         return matches, False
-    if any(place.unit for place in motors.values()):  # servos are told no torques
+    if torques != set(motors):
         return matches, False
-    return [
-        replace(m, place=motors[m.place.name], sure=0.5 * m.sure,
-                why=f"{m.why}; the log has no commands")
-        if m.place.kind == "joint_torque" else m
-        for m in matches
-    ], True  # fmt: skip
+    found = list[Match]()
+    for match in matches:
+        if match.place.kind == "joint_torque":
+            place, why = (
+                motors[match.place.name],
+                f"{match.why}; the log has no commands",
+            )
+            match = replace(match, place=place, sure=0.5 * match.sure, why=why)
+        found.append(match)
+    return found, True
 
 
 @dataclass(frozen=True)
@@ -271,40 +274,34 @@ def _make_scalar_lines(
             [matches[k].place.name for k in members],
             [units[k] for k in members],
             [matches[k].sure * units[k].sure for k in members],
-            [_join_reasons(matches[k].why, units[k].why) for k in members],
+            ["; ".join(filter(None, (matches[k].why, units[k].why))) for k in members],
         )
         for (kind, _), members in groups.items()
     ]
 
 
-def _join_reasons(*reasons: str) -> str:
-    return "; ".join(reason for reason in reasons if reason)
-
-
 def _list_remarks(
     found: Guess,
     matches: Sequence[Match],
-    by_kind: Mapping[str, Sequence[Place]],
     model: "mujoco.MjModel",
     relations: Relations,
-) -> list[str]:
+) -> Iterator[str]:
     """What a user should look at before he trusts the map.
 
     Args:
         matches: columns of one number and whose they are.
     """
-    said = []
-    positions = {m.place.joint: m.column for m in matches
-                 if m.place.kind == "joint_position"}  # fmt: skip
+    positions = _list_positions(matches)
+    commands = [m for m in matches if m.place.kind == COMMAND]
     goals = [
         m.place.name
-        for m in matches
-        if m.place.kind == COMMAND and m.place.unit not in ("rad", "m")
-        and m.place.joint in positions
-        and _is_goal(relations.find(m.column, positions[m.place.joint], m.place))
-    ]  # fmt: skip
+        for m in commands
+        if m.place.unit not in ("rad", "m")
+        and (position := positions.get(m.place.joint))
+        and _is_goal(relations.find(m.column, position, m.place))
+    ]
     if goals:
-        said.append(
+        yield (
             f"the commands of {join_names(goals)} are followed by the positions, but "
             "the model's actuators are no position servos: selfheal model prepare "
             "MODEL.xml --kp KP --kv KV makes servos of torque motors, and by hand it "
@@ -312,25 +309,21 @@ def _list_remarks(
             "gains of the drive [N m/rad and N m s/rad; of a slide N/m and N s/m]"
         )
     if found.missing:
-        said.append(
+        yield (
             f"no command was found for {join_names(found.missing)}: without commands "
             "nothing can be diagnosed; a constant one is columns = [] and offset"
         )
     if not model.nactuator:
-        said.append(f"the model has no actuators; {NO_ACTUATORS}")
+        yield f"the model has no actuators; {NO_ACTUATORS}"
     empty = [m.column.name for m in matches if not np.isfinite(m.column.values).any()]
     if empty:
-        said.append(f"no number is in {join_names(empty)}")
+        yield f"no number is in {join_names(empty)}"
     if found.unread:
-        said.append(f"no position was found for {join_names(found.unread)}")
-    counts = Counter(
-        line.kind for line in found.lines for sure in line.sure if sure < 0.7
-    )
-    said += [
-        f"{n} column{'s' * (n > 1)} of {kind} less than 70 % sure: see LOOK above"
-        for kind, n in counts.items()
-    ]
-    return said
+        yield f"no position was found for {join_names(found.unread)}"
+    kinds = Counter(line.kind for line in found.lines for s in line.sure if s < 0.7)
+    for kind, n in kinds.items():
+        columns = f"{n} column{'s' * (n > 1)} of {kind}"
+        yield f"{columns} less than 70 % sure: see LOOK above"
 
 
 def _is_goal(relation: Relation) -> bool:

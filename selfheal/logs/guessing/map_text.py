@@ -5,6 +5,7 @@ import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from ..base import Stream
 from ..log_map import COMMAND, Clock, ColumnRule
@@ -101,15 +102,15 @@ def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
     keys = [(unit.unit, unit.ranges and unit.ranges[0]) for unit in line.units]
     for key in dict.fromkeys(keys):
         members = [k for k, other in enumerate(keys) if other == key]
+        columns = [line.columns[k * width : (k + 1) * width] for k in members]
         yield replace(
             line,
-            columns=[c for k in members
-                     for c in line.columns[k * width : (k + 1) * width]],
+            columns=[name for part in columns for name in part],
             targets=[line.targets[k] for k in members],
             units=[line.units[k] for k in members],
             sure=[line.sure[k] for k in members],
             why=[line.why[k] for k in members],
-        )  # fmt: skip
+        )
 
 
 def _format_line(line: GuessedLine, streams: Sequence[Stream]) -> list[str]:
@@ -150,8 +151,8 @@ def _find_pattern(
     start = os.path.commonprefix(list(columns))
     end = os.path.commonprefix([name[::-1] for name in columns])[::-1]
     bare = (re.sub(r"[A-Za-z0-9]*$", "", start), re.sub(r"^.*[A-Za-z0-9]", "", end))
-    every = [f"{s.name}:{c}" if len(streams) > 1 else c
-             for s in streams for c in s.columns]  # fmt: skip
+    several = len(streams) > 1
+    every = [f"{s.name}:{c}" if several else c for s in streams for c in s.columns]
     for first, last in ((start, end), bare):
         pattern = re.compile(f"{re.escape(first)}(.+){re.escape(last)}")
         matches = [match for name in every if (match := pattern.fullmatch(name))]
@@ -183,8 +184,6 @@ def _format_sure(sure: float) -> str:
 
 def _comment(text: str) -> list[str]:
     """A comment, on as many lines as it needs."""
-    lines = textwrap.wrap(
-        quote(text)[1:-1].replace('\\"', '"'), WIDTH - 2, break_long_words=False,
-        break_on_hyphens=False,
-    )  # fmt: skip
-    return [f"# {line}" for line in lines]
+    shown = quote(text)[1:-1].replace('\\"', '"')
+    wrap = partial(textwrap.wrap, break_long_words=False, break_on_hyphens=False)
+    return [f"# {line}" for line in wrap(shown, WIDTH - 2)]

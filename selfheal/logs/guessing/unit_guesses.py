@@ -3,19 +3,24 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import mean
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..base import Floats
 from ..model_facts import Place
 from ..motion import Relation, find_step, measure_share_inside
 from ..units import find_unit
 from .assignment import Column, Match
+from .words import read_words
 
-Floats = NDArray[np.float64]
-_CANDIDATES = {"rad": ("rad", "deg", "turn"), "m": ("m", "mm", "cm"),
-               "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"), "m/s": ("m/s", "mm/s")
-               }  # fmt: skip
+_CANDIDATES = {
+    "rad": ("rad", "deg", "turn"),
+    "m": ("m", "mm", "cm"),
+    "rad/s": ("rad/s", "deg/s", "rpm", "turn/s"),
+    "m/s": ("m/s", "mm/s"),
+}
+Ends = tuple[float, float]  # of a range
 SHARE = "share"  # of a range: the unit of joints from -100 to 100
 _FULL, _WHOLE = 100.0, 100.5  # a whole share [%], and with rounding; LeRobot's
 _LARGE = 4 * math.pi  # that no joint is in radians; chosen: two turns, as of ten meters
@@ -42,14 +47,14 @@ class UnitGuess:
 
     unit: str
     sign: int = 1
-    ranges: tuple[tuple[float, float], tuple[float, float]] | None = None
+    ranges: tuple[Ends, Ends] | None = None
     sure: float = 0.5
     why: str = ""
 
     def convert(self, values: Floats) -> Floats:
         """Values (n) of the column in the model's unit, but for the sign."""
         if self.ranges is None:
-            return values * _get_factor(self.unit)
+            return values * get_factor(self.unit)
         (low, high), (bottom, top) = self.ranges
         return bottom + (values - low) * (top - bottom) / (high - low)
 
@@ -80,7 +85,7 @@ class GuessedLine:
 
 
 def guess_position_units(
-    matches: Sequence[Match], ranges: Mapping[int, tuple[float, float]]
+    matches: Sequence[Match], ranges: Mapping[int, Ends]
 ) -> list[UnitGuess]:
     """The unit of columns of positions, and of commands of position servos.
 
@@ -93,16 +98,18 @@ def guess_position_units(
         ranges: of joints that have limits, by their number.
     """
     si = matches[0].place.unit
-    stated = [_find_stated(m.column, si) for m in matches]
-    if known := set(filter(None, stated)):
-        said = UnitGuess(min(known), sure=0.95, why="the log states it of others")
-        common = said if len(known) == 1 else _guess_common_unit(matches, ranges)
+    stated = [find_stated(m.column, si) for m in matches]
+    if len(known := {*stated} - {""}) == 1:
+        common = UnitGuess(min(known), sure=0.95, why="the log states it of others")
     else:
         common = _guess_common_unit(matches, ranges)
     found = []
     for unit, match in zip(stated, matches, strict=True):
-        beside = [m.column for m in matches if m.place.joint == match.place.joint
-                  and _overlap(m.column, match.column)]  # fmt: skip
+        beside = [
+            m.column
+            for m in matches
+            if m.place.joint == match.place.joint and _overlap(m.column, match.column)
+        ]
         found.append(
             UnitGuess(unit, sure=0.99, why="the log states it")
             if unit
@@ -113,52 +120,49 @@ def guess_position_units(
 
 def _overlap(one: Column, other: Column) -> bool:
     """Whether a command and a reading have values in common, as in one unit."""
-    ends = [(np.nanmin(c.values, initial=np.inf), np.nanmax(c.values, initial=-np.inf))
-            for c in (one, other)]  # fmt: skip
-    return bool(max(low for low, _ in ends) <= min(high for _, high in ends))
+    lows = [np.nanmin(c.values, initial=np.inf) for c in (one, other)]
+    highs = [np.nanmax(c.values, initial=-np.inf) for c in (one, other)]
+    return bool(max(lows) <= min(highs))
 
 
-def _find_stated(column: Column, si: str) -> str:
+def find_stated(column: Column, si: str) -> str:
     """The unit that a log states, if it fits one of the contract; else ""."""
     found = find_unit(column.facts.unit) if column.facts.unit else None
     return column.facts.unit if found and found.si == si else ""
 
 
 def _guess_common_unit(
-    matches: Sequence[Match], ranges: Mapping[int, tuple[float, float]]
+    matches: Sequence[Match], ranges: Mapping[int, Ends]
 ) -> UnitGuess:
     """The unit in which most columns are within the limits of their joints."""
     si = matches[0].place.unit
     names = _CANDIDATES.get(si, (si,))
-    limited = [(m.column.values, limits) for m in matches
-               if (limits := find_limits(m.place, ranges))]  # fmt: skip
-    if not limited:
+    limits = [find_limits(match.place, ranges) for match in matches]
+    if not any(limits):
         return _guess_by_size(matches, si)
     inside = {
-        name: float(np.mean([
-            measure_share_inside(values * _get_factor(name), *limits)
-            for values, limits in limited
-        ]))
+        name: mean(
+            measure_share_inside(m.column.values * get_factor(name), *ends)
+            for m, ends in zip(matches, limits, strict=True)
+            if ends
+        )
         for name in names
-    }  # fmt: skip
-    first = names[0]
+    }
+    first, best = names[0], max(inside, key=lambda name: inside[name])
     if inside[first] >= _ENOUGH:
         # degrees of a small motion are within limits in radians, too, but not back
         return UnitGuess(first, sure=0.9, why="within the joints' ranges")
-    best = max(inside, key=lambda name: inside[name])
     if si == "rad" and (share := _guess_normalized(matches, inside["deg"])):
         return share
     if inside[best] > inside[first] + 0.1:
-        why = (f"in {best} {inside[best]:.0%} is within the joints' ranges, in "
-               f"{first} {inside[first]:.0%}")  # fmt: skip
+        why = f"in {best} {inside[best]:.0%} is within the joints' ranges"
+        why += f", in {first} {inside[first]:.0%}"
         return UnitGuess(best, sure=0.95, why=why)
     why = f"{inside[first]:.0%} is within the joints' ranges"
     return UnitGuess(first, sure=0.6, why=why)
 
 
-def find_limits(
-    place: Place, ranges: Mapping[int, tuple[float, float]]
-) -> tuple[float, float] | None:
+def find_limits(place: Place, ranges: Mapping[int, Ends]) -> Ends | None:
     """The limits of a place, or of its joint; None where there are none."""
     if np.isfinite(place.high - place.low):
         return place.low, place.high
@@ -205,17 +209,17 @@ def _guess_by_size(matches: Sequence[Match], si: str) -> UnitGuess:
     values = np.concatenate([m.column.values for m in matches])
     largest = float(np.nanmax(np.abs(values), initial=0.0))
     names = _CANDIDATES.get(si, (si,))
-    if len(names) > 1 and largest > (_LARGE if si == "rad" else 10.0):
-        return UnitGuess(names[1], sure=0.8, why=f"up to {largest:.4g}")
-    return UnitGuess(names[0], sure=0.7, why=f"up to {largest:.4g}")
+    is_large = len(names) > 1 and largest > (_LARGE if si == "rad" else 10.0)
+    sure, why = 0.8 if is_large else 0.7, f"up to {largest:.4g}"
+    return UnitGuess(names[is_large], sure=sure, why=why)
 
 
 def _is_gripper(column: Column) -> bool:
-    return bool({"gripper", "jaw", "finger"} & {*column.facts.own})
+    return not read_words().grippers.isdisjoint(column.facts.own)
 
 
 def _guess_share(
-    columns: Sequence[Column], limits: tuple[float, float] | None, common: UnitGuess
+    columns: Sequence[Column], limits: Ends | None, common: UnitGuess
 ) -> UnitGuess | None:
     """How the columns of a joint are shares of its range, where they are.
 
@@ -232,18 +236,17 @@ def _guess_share(
     if common.unit == SHARE:
         low = 0.0 if is_gripper else -_FULL
         return replace(common, unit="", ranges=((low, _FULL), limits))
-    inside = measure_share_inside(values * _get_factor(common.unit), *limits)
+    inside = measure_share_inside(values * get_factor(common.unit), *limits)
     # a gripper among joints in degrees is in percent, as LeRobot's are
     is_usual = common.unit == "deg" and is_gripper
     if (inside > 0.5 and not is_usual) or not within or most < 5:
         return None
+    why = "a gripper in percent of its range, as LeRobot's are"
+    if not is_usual:
+        within_range = f"{inside:.0%} within the range in {common.unit}"
+        why = f"{least:.3g} to {most:.3g}, and {within_range}: percent?"
     low = 0.0 if least > -5 else -_FULL
-    return UnitGuess(
-        "", 1, ((low, _FULL), limits), 0.7,
-        "a gripper in percent of its range, as LeRobot's are" if is_usual else
-        f"{least:.3g} to {most:.3g}, and {inside:.0%} within the range in "
-        f"{common.unit}: percent?",
-    )  # fmt: skip
+    return UnitGuess("", 1, ((low, _FULL), limits), 0.7, why)
 
 
 def guess_moving_unit(
@@ -261,21 +264,23 @@ def guess_moving_unit(
     """
     is_speed = place.unit.endswith("/s")
     names = _CANDIDATES.get(place.unit, (place.unit,) if is_speed else ())
-    stated = _find_stated(column, place.unit)
+    stated = find_stated(column, place.unit)
     if not names or relation is None or abs(relation.correlation) < STRONG:
         if not is_speed:
             return None
         if stated:
             return UnitGuess(stated, sure=0.95, why="the log states it")
         return UnitGuess(names[0], sure=0.6, why="no position that moves to compare")
-    distance = {name: abs(math.log(abs(relation.slope) / _get_factor(name)))
-                for name in ((stated,) if stated else names)}  # fmt: skip
+    slope = abs(relation.slope)
+    distance = {
+        name: abs(math.log(slope / get_factor(name)))
+        for name in ((stated,) if stated else names)
+    }
     best = min(distance, key=lambda name: distance[name])
-    is_close = distance[best] < _CLOSE
+    is_close, sign = distance[best] < _CLOSE, 1 if relation.slope > 0 else -1
+    if is_speed and is_close:
+        return UnitGuess(best, sign, None, 0.97, "the position is its integral")
     if is_speed:
-        sign = 1 if relation.slope > 0 else -1
-        if is_close:
-            return UnitGuess(best, sign, None, 0.97, "the position is its integral")
         why = f"the position changes by {relation.slope:.3g} of its integral"
         return UnitGuess(best, sign, None, 0.4, why)
     if distance[best] > 2 * _CLOSE:
@@ -304,13 +309,16 @@ def find_flipped(
     for name, (match, unit) in (("position", position), ("command", command)):
         place, values = match.place, unit.convert(match.column.values)
         limits = place if np.isfinite(place.high - place.low) else position[0].place
-        asis, flipped = (measure_share_inside(sign * values, limits.low, limits.high)
-                         for sign in (1, -1))  # fmt: skip
-        gain[name] = flipped - asis
+        as_is, flipped = (
+            measure_share_inside(sign * values, limits.low, limits.high)
+            for sign in (1, -1)
+        )
+        gain[name] = flipped - as_is
     best = max(gain, key=lambda name: gain[name])
     return best if gain[best] > 0.1 else ""
 
 
-def _get_factor(name: str) -> float:
+def get_factor(name: str) -> float:
+    """From a unit to the SI unit; 1 of one that nobody knows."""
     unit = find_unit(name)
     return unit.factor if unit else 1.0

@@ -5,24 +5,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..model_facts import Place
-from .assignment import ELEMENT, Column
+from .assignment import ELEMENT, Column, qualify
 from .column_names import score_names
 from .unit_guesses import GuessedLine, UnitGuess
-
-# words of a name, the unit of a sensor that measures it, and the kind of a body's
-# signal; ROS's sensor_msgs/Imu, geometry_msgs/Pose and nav_msgs/Odometry
-_THINGS: tuple[tuple[frozenset[str], str, str], ...] = (
-    (frozenset({"orientation", "quaternion", "quat", "rotation"}), "1",
-     "body_orientation"),
-    (frozenset({"angular", "ang", "gyro", "gyroscope", "omega"}), "rad/s",
-     "body_angular_velocity"),
-    (frozenset({"acceleration", "acc", "accel", "accelerometer"}), "m/s^2", ""),
-    (frozenset({"position", "translation", "pos"}), "m", "body_position"),
-    (frozenset({"linear", "velocity", "vel"}), "m/s", "body_linear_velocity"),
-    (frozenset({"force"}), "N", ""),
-    (frozenset({"torque"}), "N m", ""),
-)  # fmt: skip
-_WIDTHS = {"body_orientation": 4}
+from .words import read_words
 
 
 def match_vectors(
@@ -47,21 +33,20 @@ def match_vectors(
         values = np.stack([column.values for column in columns])
         if thing is None or not np.isfinite(values).any() or not values.any():
             continue
-        unit, kind = thing
+        _, kind = thing
         is_array = bool(ELEMENT.fullmatch(columns[0].name))
         if kind == "body_linear_velocity" and ("twist" in tokens or is_array):
-            what = f"{name}: it may be" if is_array else (
-                f"{stream or name}: a twist's linear velocity is")  # fmt: skip
+            twist = f"{stream or name}: a twist's linear velocity is"
             notes.append(
-                f"{what} in the body's frame, that of a recording in the world's: "
-                "left out"
+                f"{f'{name}: it may be' if is_array else twist} in the body's frame, "
+                "that of a recording in the world's: left out"
             )
             continue
-        place, why = _find_place(columns[0], unit, kind, places, taken)
+        place, why = _find_place(columns[0], thing, places, taken)
         if place is None:
             continue
         taken.add((place.kind, place.name))
-        names = [f"{stream}:{c.name}" if several else c.name for c in columns]
+        names = [qualify(column, several) for column in columns]
         order, why_order = "xyzw" if len(columns) == 4 else "wxyz", "as ROS has it"
         if rule:
             order, why_order = rule.order, "the preset states it"
@@ -92,31 +77,32 @@ def _find_thing(
     Args:
         known: kind that a preset states; "" of none.
     """
-    for words, unit, kind in _THINGS:
-        is_named = words & set(tokens) and (width == 4) == (kind == "body_orientation")
-        if kind == known if known else is_named:
-            return unit, kind
+    for thing in read_words().vectors:
+        fits = (width == 4) == (thing.kind == "body_orientation")
+        is_named = fits and not thing.words.isdisjoint(tokens)
+        if thing.kind == known if known else is_named:
+            return thing.unit, thing.kind
     return None
 
 
 def _find_place(
     column: Column,
-    unit: str,
-    kind: str,
+    thing: tuple[str, str],
     places: Mapping[str, Sequence[Place]],
     taken: set[tuple[str, str]],
 ) -> tuple[Place | None, str]:
     """The sensor or the body that a vector belongs to, and why."""
-    width = _WIDTHS.get(kind, 3)
-    fitting = [
-        p for p in places.get("sensor", ())
-        if p.unit == unit and p.width == width and ("sensor", p.name) not in taken
-    ]  # fmt: skip
-    bodies = [p for p in places.get(kind, ()) if (kind, p.name) not in taken]
-    for options, what in ((fitting, "sensor"), (bodies, "body")):
-        named = [p for p in options if score_names(column.facts, p.name) > 0.3]
-        if named:
-            return named[0], f"the name of the {what}"
-    if fitting:
-        return fitting[0], f"the model's first sensor in {unit}"
+    unit, kind = thing
+    width = 4 if kind == "body_orientation" else 3
+    sensors, bodies = (
+        [place for place in places.get(k, ()) if (k, place.name) not in taken]
+        for k in ("sensor", kind)
+    )
+    sensors = [place for place in sensors if (place.unit, place.width) == (unit, width)]
+    for options, what in ((sensors, "sensor"), (bodies, "body")):
+        for place in options:
+            if score_names(column.facts, place.name) > 0.3:
+                return place, f"the name of the {what}"
+    if sensors:
+        return sensors[0], f"the model's first sensor in {unit}"
     return (bodies[0], "the model's first body") if bodies else (None, "")

@@ -198,7 +198,7 @@ def test_a_recording_of_selfheal_needs_no_import(tmp_path):
 
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_file_without_arrays_is_refused(tmp_path, name):
-    with pytest.raises(InputError, match="no arrays"):
+    with pytest.raises(InputError, match="no columns"):
         open_log(WRITERS[name](tmp_path / name, {"n": np.array(3)}))
 
 

@@ -150,5 +150,5 @@ def test_a_damaged_file_is_read_or_refused(tmp_path):
 
 def test_a_file_without_columns_of_numbers_is_refused(tmp_path):
     path = _write(tmp_path / "log.parquet", {"picture": pa.array([b"\0"])})
-    with pytest.raises(InputError, match="0 columns"):
+    with pytest.raises(InputError, match="no columns"):
         open_log(path)

@@ -10,25 +10,14 @@ from selfheal.logs.base import Log, Stream
 from selfheal.logs.convert import import_logs
 from selfheal.logs.guessing.guess import Guess
 from selfheal.logs.log_map import parse_map
-from selfheal.recording import Episode, list_model_names, read
-from selfheal.recording.controls import Control
-from selfheal.recording.model import ModelNames, Target
+from selfheal.recording import Episode, read
 
-NAMES = ModelNames(
-    {
-        "joint": {
-            name: Target({"joint_position": "rad", "joint_velocity": "rad/s"})
-            for name in ("hip", "knee")
-        },
-        "actuator": {name: Target({"joint_torque": "N m"}) for name in ("hip", "knee")},
-        "body": {"base": Target({})},
-        "sensor": {"gyro": Target({"sensor": "rad/s"}, 3)},
-    },
-    controls=(Control("hip", ""), Control("knee", "")),
-    unnamed=0,
-    nq=2,
-    nv=2,
-)
+LEG = """<mujoco><worldbody>
+  <body name="base"><joint name="hip" axis="0 1 0"/><geom size=".1"/><site name="imu"/>
+    <body pos="0 0 -.2"><joint name="knee" axis="0 1 0"/><geom size=".1"/></body></body>
+</worldbody>
+<actuator><motor name="hip" joint="hip"/><motor name="knee" joint="knee"/></actuator>
+<sensor><gyro name="gyro" site="imu"/></sensor></mujoco>"""
 
 
 class TableLog(Log):
@@ -73,6 +62,6 @@ def list_guessed(guess: Guess) -> dict[tuple[str, str], tuple]:
 
 def import_guess(log: Log, text: str, model: mujoco.MjModel, path: Path) -> Episode:
     """The only episode of what a map makes of a log."""
-    import_logs([log], make_map(text), list_model_names(model), path)
+    import_logs([log], make_map(text), model, path)
     (episode,) = read(path).episodes.values()
     return episode
