@@ -6,9 +6,9 @@ import numpy as np
 
 from selfheal.body.body import Bodies, compute_edge_f1, measure_center_distance
 from selfheal.body.genome import build_bodies
+from selfheal.engine.channels import list_channels
 from selfheal.engine.statics import Statics
 from selfheal.robot.base import Robot
-from selfheal.selfmodel.evaluate import make_capped_loss
 from selfheal.selfmodel.explore import DISTINGUISHABLE
 from selfheal.selfmodel.run import Run
 
@@ -35,7 +35,7 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
         raise ValueError(f"robot {robot.name!r} does not say its true body")
     best = build_bodies(run.anatomy, last.genomes[:1])
     tables = [_predict_channels(body, run.actions) for body in (best, truth)]
-    loss_of = make_capped_loss(run.anatomy)
+    loss_of = list_channels(run.anatomy).loss
     apart = np.abs(tables[0] - tables[1]).max(axis=0) * loss_of.weight
     tried = [cycle.action for cycle in run.cycles]
     felt = np.array([cycle.felt for cycle in run.cycles])

@@ -7,8 +7,9 @@ import numpy as np
 
 from benchmarks.writer import Section
 from selfheal.body.mjcf import Physics, build_spec
+from selfheal.engine.arrays import pack_bodies
 from selfheal.engine.mujoco import HOLD, RAMP
-from selfheal.engine.readings import compute_readings, pack_inputs
+from selfheal.engine.readings import compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import load_published_body
 
@@ -95,5 +96,5 @@ def simulate_belly(actions: np.ndarray, radius: float, softer: float) -> np.ndar
         rest.append([*torso.xmat.reshape(3, 3)[2], torso.xpos[2]])
     up, height = np.array(rest)[:, :3], np.array(rest)[:, 3]
     bodies, tips = body[np.zeros(len(rest), int)], np.zeros((len(rest), 0))
-    inputs = pack_inputs(bodies)
+    inputs = pack_bodies(bodies)
     return compute_readings(bodies, inputs, up, height, tips, actions).channels

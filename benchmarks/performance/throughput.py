@@ -127,6 +127,7 @@ def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
     import resource
 
     from selfheal.engine import make_engine
+    from selfheal.engine.mjx import Mjx
 
     start = time.perf_counter()
     if engine == "mjx":
@@ -138,9 +139,7 @@ def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
     else:
         import mujoco  # noqa: F401
     imported = time.perf_counter() - start
-    made = make_engine(engine)
-    if engine == "mjx":
-        made = type(made)(batch=batch)
+    made = Mjx(batch=batch) if engine == "mjx" else make_engine(engine)
     bodies, targets = draw_candidates(count, 1)
     head = slice(0, batch)
     first = time_call(lambda: made.simulate(bodies[head], targets[head]))

@@ -92,12 +92,6 @@ def decode_unit_genes(anatomy: Anatomy, genes: Floats) -> Genomes:
     return encode_tree(anatomy, parent, t - parent)
 
 
-def encode_unit_genes(genomes: Genomes) -> Floats:
-    """(N, P) paper A's genes in [0, 1]; the inverse of `decode_unit_genes`."""
-    t = genomes.parent + genomes.placement
-    return t / (np.arange(genomes.parent.shape[1]) + _PAPER_SPAN)
-
-
 def decode_matrix(anatomy: Anatomy, matrix: Floats) -> Genomes:
     """Genomes from paper C's 8 x 4 matrices.
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -111,12 +111,12 @@ class LeggedRobot:
         }
 
     @cached_property
-    def _joints(self) -> list[Any]:
+    def _joints(self) -> "list[mujoco._MjModelJointViews]":
         """The joint of each motor."""
         ids = self.model.actuator_trnid[:, 0]
         return [self.model.joint(int(k)) for k in ids]
 
-    def joint_of_motor(self, motor: int) -> Any:
+    def joint_of_motor(self, motor: int) -> "mujoco._MjModelJointViews":
         """A motor's joint in the model."""
         return self._joints[motor]
 

@@ -16,6 +16,7 @@ from .body import (
     Anatomy,
     Bodies,
     Floats,
+    Ints,
     list_parents_first,
 )
 from .changes import compute_direction, tilt_gravity
@@ -50,7 +51,9 @@ class Physics:
     density: float = 1.0
 
 
-def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
+def _add_torso(
+    spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics
+) -> mujoco.MjsBody:
     """Add the torso, free unless it is bolted down, and its belly sensor."""
     half = anatomy.torso_half
     torso = spec.worldbody.add_body(name="torso", pos=[0, 0, half[2] + 1e-4])
@@ -70,7 +73,9 @@ def _add_torso(spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics):
     return torso
 
 
-def _add_part(parent, bodies: Bodies, row: int, i: int, physics: Physics):
+def _add_part(
+    parent: mujoco.MjsBody, bodies: Bodies, row: int, i: int, physics: Physics
+) -> mujoco.MjsBody:
     """Attach part i + 1 of body `row` to its parent."""
     a, scale = bodies.anatomy, bodies.thickness[row, i]
     turn, bend = bodies.heading[row, i] / 2, (a.bends[i] if a.bends else 0.0) / 2
@@ -152,15 +157,17 @@ def _add_servos_and_sensors(
         )
 
 
-def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
+def build_spec(
+    bodies: Bodies, row: int = 0, physics: Physics | None = None
+) -> mujoco.MjSpec:
     """The articulated model of one body.
 
     Args:
         physics: None = the defaults.
 
     Returns:
-        An MjSpec: a torso on a floor, one hinge and servo a part. Only contacts with
-        the floor make forces (papers.md 1.1), and of a bolted robot none.
+        A torso on a floor, one hinge and servo a part. Only contacts with the floor
+        make forces (papers.md 1.1), and of a bolted robot none.
     """
     physics = physics or Physics()
     spec = mujoco.MjSpec()
@@ -187,16 +194,17 @@ def build_spec(bodies: Bodies, row: int = 0, physics: Physics | None = None):
     return spec
 
 
-def build_walking_spec(body: Bodies, physics: Physics, torque: Floats, slope: Floats):
+def build_walking_spec(
+    body: Bodies, physics: Physics, torque: Floats, slope: Floats
+) -> mujoco.MjSpec:
     """The articulated model of one body with motors of limited torque on a slope.
+
+    Its only sensors are the feet's tips.
 
     Args:
         torque: (P) largest of each motor [N m].
         slope: (2) tilt of the ground and downhill azimuth [rad]; gravity is turned,
             the floor stays z = 0.
-
-    Returns:
-        An MjSpec whose only sensors are the feet's tips.
     """
     spec = build_spec(body, 0, physics)
     tilt, azimuth = slope
@@ -256,7 +264,7 @@ def load(path: str | Path) -> Bodies:
         raise ModelError(f"{path}: parts hang on {names}; they need one torso")
     known = {carriers.pop(): 0} | {body: i + 1 for i, body in enumerate(ids)}
     parent = np.array([known[int(model.body_parentid[b])] for b in ids])
-    anatomy = _read_anatomy(str(path), spec, model, joints, ids, parent)
+    anatomy = _read_anatomy(str(path), spec, model, ids, parent)
     return Bodies(
         anatomy=anatomy,
         parent=parent[None],
@@ -269,33 +277,37 @@ def load(path: str | Path) -> Bodies:
     )
 
 
-def _find_geom(path: str, body, kind: mujoco.mjtGeom, needed: bool):
-    """A body's one geom of this kind; None if it has none and needs none."""
+def _find_geoms(
+    path: str, body: mujoco.MjsBody, kind: mujoco.mjtGeom, fewest: int
+) -> list[mujoco.MjsGeom]:
+    """A body's one geom of this kind; none where `fewest` is 0 and it has none."""
     found = [g for g in body.geoms if g.type == kind]
     shape = kind.name[7:].lower()
-    if len(found) > 1 or (needed and not found):
+    if not fewest <= len(found) <= 1:
         raise ModelError(
             f"{path}: body {body.name!r} has {len(found)} {shape} geoms; "
             "it needs exactly one"
         )
     if found and not found[0].mass > 0:
         raise ModelError(f"{path}: the {shape} of {body.name!r} needs a positive mass")
-    return found[0] if found else None
+    return found
 
 
-def _read_anatomy(path: str, spec, model, joints, ids, parent) -> Anatomy:
+def _read_anatomy(
+    path: str, spec: mujoco.MjSpec, model: mujoco.MjModel, ids: list[int], parent: Ints
+) -> Anatomy:
     """What the parts are, without how they are attached."""
     box, capsule = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CAPSULE
     bodies = [spec.body(model.body(b).name) for b in ids]
-    torso = _find_geom(path, bodies[int(np.argmin(parent))].parent, box, True)
-    rods = [_find_geom(path, b, capsule, True) for b in bodies]
-    blocks = [_find_geom(path, b, box, False) for b in bodies]
+    (torso,) = _find_geoms(path, bodies[int(np.argmin(parent))].parent, box, 1)
+    rods = [_find_geoms(path, b, capsule, 1)[0] for b in bodies]
+    blocks = [next(iter(_find_geoms(path, b, box, 0)), None) for b in bodies]
     hips = model.body_pos[ids][parent == 0]
     sites = {site.name for site in spec.sites}
     return Anatomy(
         name=spec.modelname,
         parts=tuple(b.name for b in bodies),
-        joints=tuple(joints),
+        joints=tuple(a.target for a in spec.actuators),
         torso_half=np.array(torso.size),
         torso_mass=float(torso.mass),
         rim=np.array([*np.abs(hips[:, :2]).max(axis=0), hips[0, 2]]),
@@ -320,7 +332,9 @@ def _read_hinges(axes: Floats) -> tuple[int, ...]:
     return () if (kinds == UP).all() else tuple(kinds.tolist())
 
 
-def _read_bends(path: str, model, ids) -> tuple[Floats, tuple[float, ...]]:
+def _read_bends(
+    path: str, model: mujoco.MjModel, ids: list[int]
+) -> tuple[Floats, tuple[float, ...]]:
     """Headings (P) and bends [rad] of parts, of which none may be rolled."""
     turns = np.empty((len(ids), 9))
     for turn, quat in zip(turns, model.body_quat[ids], strict=True):

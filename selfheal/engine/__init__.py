@@ -1,8 +1,11 @@
 """Engines: bodies and joint targets in, readings at rest out, at three fidelities."""
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..errors import UnknownNameError
+
+if TYPE_CHECKING:
+    from .readings import Engine
 
 ENGINES = {
     "auto": "statics for the search, mjx to confirm rivals, mujoco to check the result",
@@ -12,7 +15,7 @@ ENGINES = {
 }
 
 
-def make_engine(name: str) -> Any:
+def make_engine(name: str) -> "Engine":
     """The engine "statics", "mjx" or "mujoco".
 
     Raises:

@@ -18,5 +18,5 @@ def warn_uncached(compiler: str, cost: str, variable: str) -> None:
         logging.getLogger(__name__).warning(
             "selfheal: %s cannot write into its cache folders, so that every run "
             "compiles anew, which takes %s; %s=FOLDER names another folder",
-            compiler, cost, variable,
-        )  # fmt: skip
+            *(compiler, cost, variable),
+        )

@@ -3,6 +3,7 @@
 import os
 import sys
 from pathlib import Path
+from types import ModuleType
 
 from ..errors import InputError
 from ..files import check_writable_folder
@@ -13,7 +14,7 @@ _DEVICES = "--xla_force_host_platform_device_count"
 _MOST_DEVICES = 8  # chosen: every device takes a share of each batch
 
 
-def prepare_jax():
+def prepare_jax() -> ModuleType:
     """Import jax with this machine's traps avoided; later calls cost nothing.
 
     Two settings have to stand before the first import (engines.md). One host device for

@@ -5,11 +5,14 @@ device poses them along the ramp. Arrays of a motion end in its T poses, so that
 arithmetic runs over long rows.
 """
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats, Ints
+
+if TYPE_CHECKING:
+    from jax import Array
 
 _CORNERS = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]) * 2.0 - 1
 
@@ -29,15 +32,18 @@ class Parts(NamedTuple):
         radius: (N, C) [m]; a box's corner has none.
     """
 
-    parent: Any
-    anchor: Any
-    heading: Any
-    axis: Any
-    mass: Any
-    center: Any
-    inertia: Any
-    spheres: Any
-    radius: Any
+    parent: "Array"
+    anchor: "Array"
+    heading: "Array"
+    axis: "Array"
+    mass: "Array"
+    center: "Array"
+    inertia: "Array"
+    spheres: "Array"
+    radius: "Array"
+
+
+Frames = tuple["Array", "Array", "Array"]  # see `_compute_frames`
 
 
 class PlannedMotion(NamedTuple):
@@ -52,11 +58,11 @@ class PlannedMotion(NamedTuple):
         mass: () [kg].
     """
 
-    spheres: Any
-    center: Any
-    inertia: Any
-    spin: Any
-    mass: Any
+    spheres: "Array"
+    center: "Array"
+    inertia: "Array"
+    spin: "Array"
+    mass: "Array"
 
 
 def list_sphere_owners(anatomy: Anatomy) -> tuple[int, ...]:
@@ -72,8 +78,8 @@ def list_row_shapes(size: int, spheres: int) -> list[tuple[int, ...]]:
     return [part, place, part, place, part, part, place, (spheres, 3), sphere]
 
 
-def pack_parts(bodies: Bodies) -> Parts:
-    """Turn bodies into arrays for the device; see `Parts`."""
+def pack_parts(bodies: Bodies) -> tuple[Ints | Floats, ...]:
+    """Turn bodies into arrays for the device, in the order of `Parts`."""
     a, scale = bodies.anatomy, bodies.thickness
     radius = a.radius * scale
     block = a.block_mass * scale
@@ -86,20 +92,12 @@ def pack_parts(bodies: Bodies) -> Parts:
     inertia += _compute_shifted_inertia(block, a.block_center * scale - center)
     none = np.zeros((len(bodies), 8))
     housed = np.flatnonzero(a.block_mass > 0)
-    return Parts(
-        bodies.parent,
-        bodies.anchor,
-        bodies.heading,
-        bodies.axis,
-        mass,
-        center,
-        inertia,
-        spheres=_place_spheres(bodies, housed),
-        radius=np.hstack([none, radius, radius, *[none] * len(housed)]),
-    )
+    hung = bodies.parent, bodies.anchor, bodies.heading, bodies.axis
+    sizes = np.hstack([none, radius, radius, *[none] * len(housed)])
+    return *hung, mass, center, inertia, _place_spheres(bodies, housed), sizes
 
 
-def _place_spheres(bodies: Bodies, housed: np.ndarray) -> Floats:
+def _place_spheres(bodies: Bodies, housed: Ints) -> Floats:
     """(N, C, 3) contact spheres' centers in their own part's frame [m]."""
     a, n = bodies.anatomy, len(bodies)
     tips = np.zeros((n, a.size, 3))
@@ -142,7 +140,11 @@ def compute_torso_constants(anatomy: Anatomy) -> Floats:
 
 
 def plan_motion(
-    body: Parts, torso, owner: tuple, angles, timestep: float
+    body: Parts,
+    torso: "Array",
+    owner: tuple[int, ...],
+    angles: "Array",
+    timestep: float,
 ) -> PlannedMotion:
     """Pose one body along its planned joint angles.
 
@@ -181,7 +183,7 @@ def plan_motion(
     )
 
 
-def _compute_frames(body: Parts, angles, timestep: float):
+def _compute_frames(body: Parts, angles: "Array", timestep: float) -> Frames:
     """Where the torso and the parts are, in the torso's frame, at T poses.
 
     Returns:
@@ -195,7 +197,7 @@ def _compute_frames(body: Parts, angles, timestep: float):
     p, t = angles.shape
     speed = jnp.diff(angles, append=angles[:, -1:]) / timestep
 
-    def hang(frames, part):
+    def hang(frames: Frames, part: tuple["Array", ...]) -> tuple[Frames, None]:
         turn, origin, omega = frames
         i, parent, anchor, heading, axis, angle, rate = part
         above = turn[parent]
@@ -203,8 +205,9 @@ def _compute_frames(body: Parts, angles, timestep: float):
         place = origin[parent] + (above * anchor[:, None]).sum(axis=1)
         # the axis is fixed in the parent's frame as well as in the part's own
         swing = omega[parent] + (own * axis[:, None]).sum(axis=1) * rate
-        new = (own, place, swing)
-        return tuple(f.at[i + 1].set(x) for f, x in zip(frames, new, strict=True)), None
+        at = i + 1
+        frames = turn.at[at].set(own), origin.at[at].set(place), omega.at[at].set(swing)
+        return frames, None
 
     still = jnp.zeros((p + 1, 3, t), angles.dtype)
     start = jnp.zeros((p + 1, 3, 3, t), angles.dtype).at[0].set(jnp.eye(3)[..., None])
@@ -213,7 +216,7 @@ def _compute_frames(body: Parts, angles, timestep: float):
     return frames
 
 
-def _compute_hinge_rotation(heading, axis, angle):
+def _compute_hinge_rotation(heading: "Array", axis: "Array", angle: "Array") -> "Array":
     """(3, 3, T) rotation from a part's frame to its parent's."""
     import jax.numpy as jnp
 
@@ -228,6 +231,6 @@ def _compute_hinge_rotation(heading, axis, angle):
     return _multiply_matrices(plan[..., None], swing)
 
 
-def _multiply_matrices(a, b):
+def _multiply_matrices(a: "Array", b: "Array") -> "Array":
     """(3, 3, T) products of two rows of matrices."""
     return (a[:, :, None] * b[None]).sum(axis=1)

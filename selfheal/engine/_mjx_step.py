@@ -3,10 +3,15 @@
 import contextlib
 import functools
 import io
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..body.body import GRAVITY
 from ._jax import prepare_jax
+
+if TYPE_CHECKING:
+    from jax import Array
+    from mujoco import mjx
 
 CONTACTS = 8  # lowest spheres that may push; chosen: 12 and 24 agree no better
 NEWTON = 2  # solver iterations a step; chosen: 20 agree no better
@@ -24,10 +29,10 @@ class BodyState(NamedTuple):
         pull: (6) last acceleration, where the solver starts [m/s^2, rad/s^2].
     """
 
-    pose: Any
-    velocity: Any
-    spin: Any
-    pull: Any
+    pose: "Array"
+    velocity: "Array"
+    spin: "Array"
+    pull: "Array"
 
 
 class BodyPose(NamedTuple):
@@ -42,16 +47,16 @@ class BodyPose(NamedTuple):
         mass: () [kg].
     """
 
-    spheres: Any
-    flow: Any
-    radius: Any
-    inertia: Any
-    spin: Any
-    mass: Any
+    spheres: "Array"
+    flow: "Array"
+    radius: "Array"
+    inertia: "Array"
+    spin: "Array"
+    mass: "Array"
 
 
 @functools.cache
-def import_mjx():
+def import_mjx() -> ModuleType:
     """The module mujoco.mjx, without the lines it prints when warp is missing."""
     prepare_jax()
     with contextlib.redirect_stdout(io.StringIO()):
@@ -60,7 +65,7 @@ def import_mjx():
 
 
 @functools.cache
-def build_sphere_model(timestep: float):
+def build_sphere_model(timestep: float) -> tuple["mjx.Model", "mjx.Data"]:
     """MJX's model and data of one free body of `CONTACTS` spheres above a floor.
 
     It makes one solver iteration, started where `qacc_smooth` says. `step_body` repeats
@@ -95,7 +100,7 @@ def build_sphere_model(timestep: float):
         return mjx.put_model(model), mjx.make_data(model)
 
 
-def convert_quaternion(quat):
+def convert_quaternion(quat: "Array") -> "Array":
     """(3, 3) matrix of a unit quaternion (4)."""
     import jax.numpy as jnp
 
@@ -109,7 +114,9 @@ def convert_quaternion(quat):
     )
 
 
-def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
+def step_body(
+    model: "mjx.Model", data: "mjx.Data", state: BodyState, pose: BodyPose
+) -> BodyState:
     """Move a body by one timestep while its parts go to their next planned pose.
 
     Between contacts it keeps its momentum, that of the moving parts included.
@@ -135,7 +142,7 @@ def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
     data = data.tree_replace({"_impl.M": mass})
     data = mjx.make_constraint(model, mjx.collision(model, data))
     data = data.tree_replace(
-        {"_impl.efc_aref": _compute_reference_acceleration(model, data, pose, turn)}
+        {"_impl.efc_aref": _compute_reference_acceleration(data, pose, turn)}
     )
     data = data.replace(qfrc_smooth=mass @ free, qacc=state.pull)
     for _ in range(NEWTON):
@@ -145,7 +152,7 @@ def step_body(model, data, state: BodyState, pose: BodyPose) -> BodyState:
     return BodyState(after.qpos, after.qvel, spin, data.qacc)
 
 
-def _keep_lowest_spheres(pose: BodyPose, turn, place) -> BodyPose:
+def _keep_lowest_spheres(pose: BodyPose, turn: "Array", place: "Array") -> BodyPose:
     """Keep only the spheres that are closest to the floor, or deepest in it."""
     import jax
 
@@ -156,7 +163,13 @@ def _keep_lowest_spheres(pose: BodyPose, turn, place) -> BodyPose:
     )
 
 
-def _write_kinematics(model, data, state: BodyState, pose: BodyPose, turn):
+def _write_kinematics(
+    model: "mjx.Model",
+    data: "mjx.Data",
+    state: BodyState,
+    pose: BodyPose,
+    turn: "Array",
+) -> tuple["mjx.Model", "mjx.Data"]:
     """Put what MJX's kinematics would compute into the model and the data."""
     import jax.numpy as jnp
 
@@ -179,7 +192,9 @@ def _write_kinematics(model, data, state: BodyState, pose: BodyPose, turn):
     return model, data
 
 
-def _compute_reference_acceleration(model, data, pose: BodyPose, turn):
+def _compute_reference_acceleration(
+    data: "mjx.Data", pose: BodyPose, turn: "Array"
+) -> "Array":
     """MJX's reference accelerations, damping the spheres' own motion too."""
     import jax.numpy as jnp
 
@@ -192,7 +207,7 @@ def _compute_reference_acceleration(model, data, pose: BodyPose, turn):
     return efc.efc_aref - (damping[:, None] * edges).reshape(-1)
 
 
-def _invert_symmetric(a):
+def _invert_symmetric(a: "Array") -> "Array":
     """(3, 3) inverse of a symmetric matrix, by its cofactors."""
     import jax.numpy as jnp
 

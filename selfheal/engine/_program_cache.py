@@ -8,19 +8,22 @@ import hashlib
 from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ..body.body import GRAVITY
 from ..errors import SelfhealError
 from ..files import atomic_path
 from ._jax import prepare_jax
 
+if TYPE_CHECKING:
+    from jax.export import Exported
+
 # what a program is traced from, beside its key
 _SOURCES = ("mjx.py", "_mjx_step.py", "_mjx_body.py")
 _LIBRARIES = ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy")
 
 
-def read_exported(key: tuple) -> Any:
+def read_exported(key: tuple) -> "Exported | None":
     """The program that was kept under a key; None where there is none to use."""
     path = _find_path(key)
     if path is None or not path.exists():
@@ -33,14 +36,14 @@ def read_exported(key: tuple) -> Any:
         return None
 
 
-def keep_exported(key: tuple, program: Any) -> Any:
+def keep_exported(key: tuple, program: "Exported") -> "Exported":
     """Keep a program that JAX exported under a key, and return it."""
     path = _find_path(key)
     if path is not None:
         content = program.serialize()
-        with suppress(SelfhealError):  # on a full disk, say: the next run traces again
-            with atomic_path(path) as temporary:
-                temporary.write_bytes(content)
+        # on a full disk, say: the next run traces again
+        with suppress(SelfhealError), atomic_path(path) as temporary:
+            temporary.write_bytes(content)
     return program
 
 

@@ -3,16 +3,58 @@
 After a change here, clear numba's caches, as after one in `_hull`.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
-from ..body.body import GRAVITY
+from ..body.body import GRAVITY, Floats
 from ._hull import JIT
+from .arrays import BodyArrays, RobotArrays
 from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
+class Pose(NamedTuple):
+    """A posed body, seen from its torso; arrays to fill.
+
+    Attributes:
+        points: (3, 8 + 10 P) contact points [m], the torso's corners first.
+        com: (3) center of mass [m].
+        frames: (P + 1, 3, 3) rotations of torso and parts.
+        spots: (P + 1, 3) their origins [m].
+        up: (3) world vertical.
+    """
+
+    points: Floats
+    com: Floats
+    frames: Floats
+    spots: Floats
+    up: Floats
+
+
+@numba.njit(**JIT)
+def allocate_pose(p: int) -> Pose:
+    """Room for the pose of a body of p parts."""
+    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+    return Pose(np.empty((3, 8 + 10 * p)), np.empty(3), frames, spots, np.empty(3))
+
+
+@numba.njit(**JIT)
+def take_body(b: BodyArrays, row: int) -> BodyArrays:
+    """One body of a batch."""
+    return BodyArrays(
+        b.parent[row],
+        b.anchor[row],
+        b.mount[row],
+        b.axis[row],
+        b.length[row],
+        b.thickness[row],
+        b.mass[row],
+    )
+
+
 @numba.njit(inline="always", **JIT)
-def _write_rotation(axis, c, s, out):
+def _write_rotation(axis: Floats, c: float, s: float, out: Floats) -> None:
     """Rotation matrix about a unit axis, of an angle's cosine and sine (Rodrigues)."""
     x, y, z = axis[0], axis[1], axis[2]
     d = 1.0 - c
@@ -28,7 +70,7 @@ def _write_rotation(axis, c, s, out):
 
 
 @numba.njit(**JIT)
-def compute_swing(q, steps):
+def compute_swing(q: Floats, steps: int) -> Floats:
     """(steps, P, 2) cosine and sine of joint angles from 0 to q (P) in sub-steps."""
     swing = np.empty((steps, q.shape[0], 2))
     for step in range(1, steps + 1):
@@ -39,9 +81,10 @@ def compute_swing(q, steps):
 
 
 @numba.njit(**JIT)
-def _place_parts(body, swing, frames, spots):
+def _place_parts(body: BodyArrays, swing: Floats, pose: Pose) -> None:
     """Fill in rotations and origins of torso and parts, in the torso's frame."""
-    parent, anchor, mount, axis = body[0], body[1], body[2], body[3]
+    parent, anchor, mount, axis = body.parent, body.anchor, body.mount, body.axis
+    frames, spots = pose.frames, pose.spots
     p = parent.shape[0]
     for i in range(3):
         spots[0, i] = 0.0
@@ -76,27 +119,21 @@ def _place_parts(body, swing, frames, spots):
 
 
 @numba.njit(**JIT)
-def pose_body(body, known, swing, points, com, frames, spots):
-    """Fill in points of contact and center of mass of a body, in the torso's frame.
+def pose_body(body: BodyArrays, robot: RobotArrays, swing: Floats, pose: Pose) -> int:
+    """Fill in a pose, all but up; returns how many contact points there are.
 
     Args:
-        body: fields of one body, see `_settle.settle_batch`.
         swing: (P, 2) cosine and sine of the joint angles.
-        points: (3, 8 + 10 P) to fill, the torso's corners first [m].
-        com: (3) to fill: center of mass [m].
-        frames: (P + 1, 3, 3) to fill: rotations of torso and parts.
-        spots: (P + 1, 3) to fill: their origins [m].
-
-    Returns:
-        How many points there are.
     """
-    parent, anchor, mount, axis, length, thickness, mass = body
-    torso_half, torso_mass, block_half, block_center, block_mass = known
-    _place_parts(body, swing, frames, spots)
-    p = parent.shape[0]
+    length, thickness, mass = body.length, body.thickness, body.mass
+    block_half, block_center = robot.block_half, robot.block_center
+    block_mass = robot.block_mass
+    points, com, frames, spots = pose.points, pose.com, pose.frames, pose.spots
+    _place_parts(body, swing, pose)
+    p = length.shape[0]
     for i in range(3):
         com[i] = 0.0
-    total = torso_mass
+    total = robot.torso_mass
     k = 8  # the torso's corners never move in its own frame
     for i in range(p):
         own = frames[i + 1]
@@ -125,10 +162,18 @@ def pose_body(body, known, swing, points, com, frames, spots):
 
 
 @numba.njit(**JIT)
-def _measure_torque(body, known, part, frames, spots):
+def _measure_torque(
+    body: BodyArrays, robot: RobotArrays, part: int, pose: Pose
+) -> float:
     """Torque that gravity has a joint of a bolted robot hold [N m]."""
-    parent, anchor, mount, axis, length, thickness, mass = body
-    block_center, block_mass = known[3], known[4]
+    parent, length, thickness, mass = (
+        body.parent,
+        body.length,
+        body.thickness,
+        body.mass,
+    )
+    block_center, block_mass = robot.block_center, robot.block_mass
+    frames, spots = pose.frames, pose.spots
     tx, ty = 0.0, 0.0
     for i in range(parent.shape[0]):
         at = i + 1
@@ -146,38 +191,37 @@ def _measure_torque(body, known, part, frames, spots):
     for r in range(2):
         along = 0.0
         for c in range(3):
-            along += frames[part, r, c] * axis[part - 1, c]
+            along += frames[part, r, c] * body.axis[part - 1, c]
         held += along * (tx if r == 0 else ty)
     return GRAVITY * held
 
 
 @numba.njit(**JIT)
-def sense(body, known, radius, channels, height, posed, out):
+def sense(
+    body: BodyArrays, robot: RobotArrays, pose: Pose, height: float, out: Floats
+) -> None:
     """Fill in what the sensors of a posed body say.
 
     Args:
-        body: fields of one body, see `_settle.settle_batch`.
-        radius: (P) [m].
-        channels: code, part and axis (C) each, of `channels.Channels`.
         height: of the torso's center above the floor [m].
-        posed: frames (P + 1, 3, 3) and origins (P + 1, 3) [m] of the torso and its
-            parts in the torso's frame, and up (3) there.
         out: (C) to fill.
     """
-    frames, spots, n = posed
-    code, part, axis = channels
+    frames, spots, n = pose.frames, pose.spots, pose.up
+    code, part, axis = robot.code, robot.part, robot.channel_axis
     for c in range(code.shape[0]):
         k = part[c]
         if code[c] == 0:
             x = n[0] if axis[c] else -n[1]
             out[c] = np.degrees(np.arcsin(min(1.0, max(-1.0, x))))
         elif code[c] == 1:
-            clear = height / n[2] - known[0][2] if n[2] > 1e-3 else MAX_CLEARANCE
+            clear = (
+                height / n[2] - robot.torso_half[2] if n[2] > 1e-3 else MAX_CLEARANCE
+            )
             out[c] = 1000.0 * max(0.0, min(clear, MAX_CLEARANCE))
         elif code[c] == 2:
-            tip = height - radius[k - 1] * body[5][k - 1]
+            tip = height - robot.radius[k - 1] * body.thickness[k - 1]
             for r in range(3):
-                tip += n[r] * (spots[k, r] + body[4][k - 1] * frames[k, r, 0])
+                tip += n[r] * (spots[k, r] + body.length[k - 1] * frames[k, r, 0])
             out[c] = 1.0 if tip < TOUCH_HEIGHT else 0.0
         elif code[c] == 3:
             x = 0.0
@@ -186,42 +230,31 @@ def sense(body, known, radius, channels, height, posed, out):
             out[c] = np.degrees(x)
         elif code[c] == 4:
             r = axis[c]
-            out[c] = 1000.0 * (spots[k, r] + body[4][k - 1] * frames[k, r, 0])
+            out[c] = 1000.0 * (spots[k, r] + body.length[k - 1] * frames[k, r, 0])
         else:
-            out[c] = _measure_torque(body, known, k, frames, spots)
+            out[c] = _measure_torque(body, robot, k, pose)
 
 
 @numba.njit(**JIT)
 def sense_batch(
-    parent, anchor, mount, axis, length, thickness, mass, known, radius, q, up, height,
-    channels, out,
-):  # fmt: skip
+    bodies: BodyArrays,
+    robot: RobotArrays,
+    q: Floats,
+    up: Floats,
+    height: Floats,
+    out: Floats,
+) -> None:
     """What the sensors of N bodies say in poses that an engine found.
 
     Args:
-        parent: (N, P) and the following ones as `_settle.settle_batch` takes them.
-        anchor: (N, P, 3).
-        mount: (N, P, 3, 3).
-        axis: (N, P, 3).
-        length: (N, P).
-        thickness: (N, P).
-        mass: (N, P).
-        radius: (P).
         q: (N, P) joint angles reached [rad].
         up: (N, 3) in the torso's frame.
         height: (N) of the torso's center above the floor [m].
-        channels: code, part and axis (C) each, of `channels.Channels`.
         out: (N, C) to fill.
     """
-    p = q.shape[1]
-    points, com = np.empty((3, 8 + 10 * p)), np.empty(3)
-    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
+    pose = allocate_pose(q.shape[1])
     for row in range(q.shape[0]):
-        body = (
-            parent[row], anchor[row], mount[row], axis[row], length[row],
-            thickness[row], mass[row],
-        )  # fmt: skip
-        swing = compute_swing(q[row], 1)[0]
-        pose_body(body, known, swing, points, com, frames, spots)
-        posed = frames, spots, up[row]
-        sense(body, known, radius, channels, height[row], posed, out[row])
+        body = take_body(bodies, row)
+        pose_body(body, robot, compute_swing(q[row], 1)[0], pose)
+        pose.up[:] = up[row]
+        sense(body, robot, pose, height[row], out[row])

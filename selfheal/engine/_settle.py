@@ -8,25 +8,69 @@ to the next contact, an exact rotation each. Joints move in sub-steps, each sett
 the last one's rest.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
+from ..body.body import Floats, Ints
 from ._hull import JIT, find_nearest_on_hull
-from ._sense import compute_swing, pose_body, sense
-from .channels import MAX_CLEARANCE
+from ._sense import Pose, allocate_pose, compute_swing, pose_body, sense, take_body
+from .arrays import BodyArrays, Race, RobotArrays
+from .channels import MAX_CLEARANCE, Loss
 from .losses import compute_loss
 
 _CONTACT_TOLERANCE = 1e-5  # [m] points within this of the floor are contacts; chosen
 _MOST_TIPS = 60  # at most this many tips a sub-step; chosen (2 on average)
 
 
-@numba.njit(**JIT)
-def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
-    """Fill in what touches a floor whose normal is n; returns H(n) and how many.
+class Contacts(NamedTuple):
+    """What a body of K contact points touches, and how it tips; arrays to fill.
 
-    Heights of the center of mass above each point, axes e1 and e2 of the floor, the
-    touching points and where they lie on these axes, seen from the center of mass.
+    Attributes:
+        radii: (K) [m].
+        heights: (K) of the center of mass above each point, were it on the floor [m].
+        touching: (K) the points that touch, first.
+        flat: (K, 2) where these lie on the floor, seen from the center of mass [m].
+        simplex: (2) rows of `flat` that carry the point nearest to it.
+        floor: (2, 3) axes of the floor.
+        tip: (2, 3) base and v of the rotation n(t) = base + (n - base) cos t + v sin t.
+        turns: (3, K) cosine and sine of the angle at which each point touches, and its
+            place in the order of touching, 2 and more where it does not.
     """
+
+    radii: Floats
+    heights: Floats
+    touching: Ints
+    flat: Floats
+    simplex: Ints
+    floor: Floats
+    tip: Floats
+    turns: Floats
+
+
+@numba.njit(**JIT)
+def _allocate_contacts(k: int) -> Contacts:
+    """Room for k contact points."""
+    return Contacts(
+        np.empty(k),
+        np.empty(k),
+        np.empty(k, np.int64),
+        np.empty((k, 2)),
+        np.empty(2, np.int64),
+        np.empty((2, 3)),
+        np.empty((2, 3)),
+        np.empty((3, k)),
+    )
+
+
+@numba.njit(**JIT)
+def _find_contacts(pose: Pose, contacts: Contacts, m: int) -> tuple[float, int]:
+    """Fill in what of m points touches the floor; returns H(n) and how many do."""
+    points, com, n = pose.points, pose.com, pose.up
+    radii, heights = contacts.radii, contacts.heights
+    touching, flat = contacts.touching, contacts.flat
+    e1, e2 = contacts.floor[0], contacts.floor[1]
     lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
     n0, n1, n2 = n[0], n[1], n[2]
     x, y, z = points[0], points[1], points[2]
@@ -34,8 +78,8 @@ def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
         heights[k] = (radii[k] + lift) - (n0 * x[k] + n1 * y[k] + n2 * z[k])
     height = -1e30
     for k in range(m):
-        if heights[k] > height:
-            height = heights[k]
+        # numba's max would keep what is not a number
+        height = heights[k] if heights[k] > height else height
     if abs(n[2]) < 0.7:
         e1[0], e1[1], e1[2] = n[1], -n[0], 0.0
     else:
@@ -60,12 +104,15 @@ def _find_contacts(points, radii, com, m, n, heights, e1, e2, touching, flat):
 
 
 @numba.njit(**JIT)
-def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, v):
-    """Fill in the rotation n(t) = base + (n - base) cos t + v sin t that tips the body.
+def _plan_rotation(pose: Pose, contacts: Contacts, size: int) -> None:
+    """Fill in the rotation that tips the body such that the center of mass gets lower.
 
-    About one contact point (size 1) or the edge between two (size 2), such that the
-    center of mass gets lower.
+    About one contact point (size 1) or the edge between two (size 2).
     """
+    points, com, n = pose.points, pose.com, pose.up
+    e1, e2 = contacts.floor[0], contacts.floor[1]
+    touching, flat, simplex = contacts.touching, contacts.flat, contacts.simplex
+    base, v = contacts.tip[0], contacts.tip[1]
     i0 = touching[simplex[0]]
     if size == 1:
         px, py = flat[simplex[0], 0], flat[simplex[0], 1]
@@ -96,13 +143,15 @@ def _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, 
 
 
 @numba.njit(**JIT)
-def _find_next_contact(points, radii, m, n, i0, base, v, heights, height, turns):
+def _find_next_contact(pose: Pose, contacts: Contacts, m: int, height: float) -> int:
     """The first other point to touch: gap(t) = g - a cos t - b sin t falls to zero.
 
-    Fills in `turns`: cosine and sine of the angle at which each point touches, and its
-    place in the order of touching, 2 and more where it does not. Without branches, the
-    loop takes several points at a time. Returns the point, -1 where there is none.
+    Fills in `turns`. Without branches, the loop takes several points at a time.
+    Returns the point, -1 where there is none.
     """
+    points, n, radii, heights = pose.points, pose.up, contacts.radii, contacts.heights
+    base, v, turns = contacts.tip[0], contacts.tip[1], contacts.turns
+    i0 = contacts.touching[contacts.simplex[0]]
     x, y, z = points[0], points[1], points[2]
     cosine, sine, order = turns[0], turns[1], turns[2]
     wx, wy, wz = n[0] - base[0], n[1] - base[1], n[2] - base[2]
@@ -131,24 +180,19 @@ def _find_next_contact(points, radii, m, n, i0, base, v, heights, height, turns)
 
 
 @numba.njit(**JIT)
-def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex, turns):
+def _tip_over(pose: Pose, contacts: Contacts, m: int) -> float:
     """Tip in place until the contacts carry the center of mass. Returns H(n)."""
-    base, v, e1, e2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    n, turns, base, v = pose.up, contacts.turns, contacts.tip[0], contacts.tip[1]
     height = 0.0
     for _ in range(_MOST_TIPS):
-        height, count = _find_contacts(
-            points, radii, com, m, n, heights, e1, e2, touching, flat
-        )
+        height, count = _find_contacts(pose, contacts, m)
         if count == 0:  # not a number
             return np.nan
-        size = find_nearest_on_hull(flat, count, simplex)
+        size = find_nearest_on_hull(contacts.flat, count, contacts.simplex)
         if size == 3:
             return height
-        _plan_rotation(points, com, n, e1, e2, touching, flat, simplex, size, base, v)
-        i0 = touching[simplex[0]]
-        first = _find_next_contact(
-            points, radii, m, n, i0, base, v, heights, height, turns
-        )
+        _plan_rotation(pose, contacts, size)
+        first = _find_next_contact(pose, contacts, m, height)
         if first < 0:
             return height
         ct, st, s = turns[0, first], turns[1, first], 0.0
@@ -162,9 +206,11 @@ def _tip_over(points, radii, com, m, n, heights, touching, flat, simplex, turns)
 
 
 @numba.njit(**JIT)
-def _fill_contact_spheres(known, radius, thickness, points, radii):
+def _fill_contact_spheres(
+    body: BodyArrays, robot: RobotArrays, pose: Pose, radii: Floats
+) -> int:
     """Fill in the torso's corners and all contact spheres' radii; returns how many."""
-    torso_half, block_mass = known[0], known[4]
+    points, torso_half, radius = pose.points, robot.torso_half, robot.radius
     for corner in range(8):
         points[0, corner] = torso_half[0] * (1 if corner & 1 else -1)
         points[1, corner] = torso_half[1] * (1 if corner & 2 else -1)
@@ -172,110 +218,83 @@ def _fill_contact_spheres(known, radius, thickness, points, radii):
         radii[corner] = 0.0
     k = 8
     for i in range(radius.shape[0]):
-        radii[k] = radii[k + 1] = radius[i] * thickness[i]
+        radii[k] = radii[k + 1] = radius[i] * body.thickness[i]
         k += 2
-        if block_mass[i] > 0.0:
+        if robot.block_mass[i] > 0.0:
             radii[k : k + 8] = 0.0
             k += 8
     return k
 
 
 @numba.njit(**JIT)
-def _allocate_scratch(p):
-    """Room for the contact radii, and the `work` of `settle`, of a body of p parts."""
-    size = 8 + 10 * p
-    points, com, radii = np.empty((3, size)), np.empty(3), np.empty(size)
-    frames, spots = np.empty((p + 1, 3, 3)), np.empty((p + 1, 3))
-    heights, touching = np.empty(size), np.empty(size, np.int64)
-    flat, simplex = np.empty((size, 2)), np.empty(2, np.int64)
-    n, turns = np.empty(3), np.empty((3, size))
-    work = (points, com, frames, spots, heights, touching, flat, simplex, n, turns)
-    return radii, work
-
-
-@numba.njit(**JIT)
-def _settle_pose(radii, m, work):
+def _settle_pose(pose: Pose, contacts: Contacts, m: int) -> float:
     """Tip a posed body of m contact points over; the torso's height above the floor."""
-    points, com, _, _, heights, touching, flat, simplex, n, turns = work
-    height = _tip_over(
-        points, radii, com, m, n, heights, touching, flat, simplex, turns
-    )
+    height, n, com = _tip_over(pose, contacts, m), pose.up, pose.com
     return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
 @numba.njit(**JIT)
-def settle_body(body, known, swing, falls, radii, work):
+def _settle_body(
+    body: BodyArrays,
+    robot: RobotArrays,
+    swing: Floats,
+    pose: Pose,
+    contacts: Contacts,
+) -> float:
     """Settle one body while its joints move from 0 to their targets in sub-steps.
 
     Args:
-        body: fields of one body, see `settle_batch`.
         swing: (steps, P, 2) cosine and sine of its joint angles after each sub-step.
-        falls: whether it settles; else it is bolted down, and only posed.
-        radii: (8 + 10 P) radius of each contact point, the torso's corners first [m].
-        work: arrays of `_allocate_scratch`; the vertical is left in it.
 
     Returns:
         Height of the torso's center above the floor [m].
     """
-    points, com, frames, spots, n = work[0], work[1], work[2], work[3], work[8]
+    n, height = pose.up, 0.0
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
-    height = 0.0
-    if not falls:  # it stands as it is put
-        pose_body(body, known, swing[-1], points, com, frames, spots)
-        return known[0][2]
+    if robot.substeps == 0:  # bolted down, it stands as it is put
+        pose_body(body, robot, swing[-1], pose)
+        return robot.torso_half[2]
     for step in range(swing.shape[0]):
-        m = pose_body(body, known, swing[step], points, com, frames, spots)
-        height = _settle_pose(radii, m, work)
+        m = pose_body(body, robot, swing[step], pose)
+        height = _settle_pose(pose, contacts, m)
     return height
 
 
 @numba.njit(**JIT)
 def settle_batch(
-    parent, anchor, mount, axis, length, thickness, mass, known, radius, q, steps, out
-):
+    bodies: BodyArrays, robot: RobotArrays, q: Floats, out: Floats
+) -> None:
     """Settle N posed bodies; row i of every array is one simulation.
 
     Args:
-        parent: (N, P) of each part, 0 for the torso.
-        anchor: (N, P, 3) the joint in the parent's frame [m].
-        mount: (N, P, 3, 3) rotation at the joint, see `body.compute_mounts`.
-        axis: (N, P, 3) unit hinge axis in the part's frame.
-        length: (N, P) [m].
-        thickness: (N, P) factor on a part's radius and housing [1].
-        mass: (N, P) of the capsule [kg].
-        radius: (P) [m].
         q: (N, P) joint angles after the ramp [rad].
         out: (N, 4 + P) to fill: up in the torso's frame (3), height of the torso's
             center (1) [m], height of each part's lowest tip point (P) [m].
     """
     p = q.shape[1]
-    radii, work = _allocate_scratch(p)
-    points, frames, spots, n = work[0], work[2], work[3], work[8]
+    pose, contacts = allocate_pose(p), _allocate_contacts(8 + 10 * p)
+    spots, frames, n = pose.spots, pose.frames, pose.up
     for row in range(q.shape[0]):
-        body = (
-            parent[row], anchor[row], mount[row], axis[row], length[row],
-            thickness[row], mass[row],
-        )  # fmt: skip
-        _fill_contact_spheres(known, radius, thickness[row], points, radii)
-        swing = compute_swing(q[row], max(steps, 1))
-        height = settle_body(body, known, swing, steps > 0, radii, work)
-        for r in range(3):
-            out[row, r] = n[r]
+        body = take_body(bodies, row)
+        _fill_contact_spheres(body, robot, pose, contacts.radii)
+        swing = compute_swing(q[row], max(robot.substeps, 1))
+        height = _settle_body(body, robot, swing, pose, contacts)
+        out[row, :3] = n
         out[row, 3] = height
         for i in range(p):
-            tip = height - radius[i] * thickness[row, i]
+            tip = height - robot.radius[i] * body.thickness[i]
             for r in range(3):
-                tip += n[r] * (spots[i + 1, r] + length[row, i] * frames[i + 1, r, 0])
+                tip += n[r] * (spots[i + 1, r] + body.length[i] * frames[i + 1, r, 0])
             out[row, 4 + i] = tip
 
 
 @numba.njit(**JIT)
-def _turn_as_felt(felt, channels, n):
+def _turn_as_felt(felt: Floats, robot: RobotArrays, n: Floats) -> bool:
     """Turn up, n, to where the torso's tilts say it is; returns whether they do.
 
     A belly that is near the floor is above it; without a clearance up keeps its half.
     """
-    code, _, axis = channels
+    code, axis = robot.code, robot.channel_axis
     found = 0
     for c in range(code.shape[0]):
         if code[c] == 0 and not np.isnan(felt[c]):
@@ -296,60 +315,45 @@ def _turn_as_felt(felt, channels, n):
 
 @numba.njit(**JIT)
 def race_batch(
-    parent, anchor, mount, axis, length, thickness, mass, known, radius,
-    targets, felt, weight, cap, other_rest, order, bound, steps, channels, each,
-):  # fmt: skip
+    bodies: BodyArrays,
+    robot: RobotArrays,
+    tried: tuple[Floats, Floats],
+    loss: Loss,
+    race: Race,
+    each: Floats,
+) -> None:
     """Settle each body under one action after the other until its loss is too high.
 
     Args:
-        parent: (N, P) of each part, 0 for the torso.
-        anchor: (N, P, 3) the joint in the parent's frame [m].
-        mount: (N, P, 3, 3) rotation at the joint, see `body.compute_mounts`.
-        axis: (N, P, 3) unit hinge axis in the part's frame.
-        length: (N, P) [m].
-        thickness: (N, P) factor on a part's radius and housing [1].
-        mass: (N, P) of the capsule [kg].
-        radius: (P) [m].
-        targets: (n, P) joint targets of the actions [rad].
-        felt: (n, C) channels measured; NaN = unknown.
-        weight: (C) of the loss sum_c weight_c min(|gap_c|, cap_c).
-        cap: (C) of the same.
-        other_rest: (N) loss of a pose that the body rests in, too, though it comes to
-            another; what it misses there is added.
-        order: (N, n) of the actions, first to last to be tried.
-        bound: (N, n) a body is given up once its loss reaches this before the first,
-            second, ... action in its order.
-        channels: code, part and axis (C) each, of `channels.Channels`.
+        tried: (n, P) joint targets of the actions [rad], and (n, C) channels measured;
+            NaN = unknown.
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
-    radii, work = _allocate_scratch(targets.shape[1])
-    points, n, seen = work[0], work[8], np.empty(felt.shape[1])
-    posed, count = (work[2], work[3], n), targets.shape[0]
-    swing = np.empty((count, max(steps, 1), targets.shape[1], 2))
+    targets, felt = tried
+    count, p = targets.shape
+    pose, contacts = allocate_pose(p), _allocate_contacts(8 + 10 * p)
+    n, seen, steps = pose.up, np.empty(felt.shape[1]), max(robot.substeps, 1)
+    swing = np.empty((count, steps, p, 2))
     for k in range(count):
-        swing[k] = compute_swing(targets[k], max(steps, 1))
+        swing[k] = compute_swing(targets[k], steps)
     each[:] = np.nan
-    for row in range(bound.shape[0]):
-        body = (
-            parent[row], anchor[row], mount[row], axis[row], length[row],
-            thickness[row], mass[row],
-        )  # fmt: skip
-        m = _fill_contact_spheres(known, radius, thickness[row], points, radii)
+    for row in range(each.shape[0]):
+        body, rest = take_body(bodies, row), race.other_rest[row]
+        m = _fill_contact_spheres(body, robot, pose, contacts.radii)
         total = 0.0
         for k in range(count):
-            if not total < bound[row, k]:
-                break
-            action = order[row, k]
-            height = settle_body(body, known, swing[action], steps > 0, radii, work)
-            sense(body, known, radius, channels, height, posed, seen)
-            loss = compute_loss(seen, felt[action], weight, cap)
+            action = race.order[row, k]
+            height = _settle_body(body, robot, swing[action], pose, contacts)
+            sense(body, robot, pose, height, seen)
+            gap = compute_loss(seen, felt[action], loss)
             if not np.isfinite(height + n[0] + n[1] + n[2]):
-                loss = np.inf
-            elif loss > other_rest[row] and _turn_as_felt(felt[action], channels, n):
-                height = _settle_pose(radii, m, work)
-                sense(body, known, radius, channels, height, posed, seen)
-                put = compute_loss(seen, felt[action], weight, cap)
-                loss = min(loss, other_rest[row] + put)
-            each[row, action] = loss
-            total += loss
+                gap = np.inf
+            elif gap > rest and _turn_as_felt(felt[action], robot, n):
+                height = _settle_pose(pose, contacts, m)
+                sense(body, robot, pose, height, seen)
+                gap = min(gap, rest + compute_loss(seen, felt[action], loss))
+            each[row, action] = gap
+            total += gap
+            if not total < race.bound[row, k]:
+                break

@@ -7,6 +7,7 @@ has one channel or three.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -63,6 +64,23 @@ CAP = 8.0
 OTHER_REST = float(np.log(6 / 0.05))
 
 
+class Loss(NamedTuple):
+    """The error of an action: sum_c weight_c min(|predicted_c - measured_c|, cap_c).
+
+    Attributes:
+        weight: (C) of the channels [1/unit].
+        cap: (C) beyond which a miss is as good as another [unit].
+    """
+
+    weight: Floats
+    cap: Floats
+
+    def __call__(self, predicted: Floats, measured: Floats) -> Floats:
+        """Loss (...) of channels (..., C); one that is not known, NaN, is free."""
+        gap = np.minimum(np.abs(predicted - measured), self.cap)
+        return np.nansum(gap * self.weight, axis=-1)
+
+
 @dataclass(frozen=True)
 class Channels:
     """The channels (C) of an anatomy's sensors, in their order.
@@ -73,8 +91,7 @@ class Channels:
         code: (C) of each one's kind.
         part: (C) 1..P, or 0 for the torso.
         axis: (C) 0, 1, 2 within its sensor.
-        weight: (C) of errors in the loss [1/unit].
-        cap: (C) beyond which a miss is as good as another [unit].
+        loss: of an action, by all of them.
         noise: (C) by which a right prediction is off [unit].
     """
 
@@ -83,17 +100,11 @@ class Channels:
     code: Ints
     part: Ints
     axis: Ints
-    weight: Floats
-    cap: Floats
+    loss: Loss
     noise: Floats
 
     def __len__(self) -> int:
         return len(self.names)
-
-    @property
-    def columns(self) -> tuple[Ints, Ints, Ints]:
-        """Code, part and axis (C) each, as the kernels take them."""
-        return self.code, self.part, self.axis
 
     @property
     def error_name(self) -> str:
@@ -104,7 +115,7 @@ class Channels:
     def shown(self) -> Floats:
         """(C) weights of what a run states as its error: of tilts, or else of all."""
         is_tilt = self.code == SENSOR_KINDS["tilt"].code
-        return is_tilt.astype(float) if is_tilt.any() else self.weight
+        return is_tilt.astype(float) if is_tilt.any() else self.loss.weight
 
     def weigh_shown(self, values: Floats) -> Floats:
         """Channels (..., C) of the stated error, by their weights (..., K)."""
@@ -137,7 +148,11 @@ def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
 
 
 def list_channels(anatomy: Anatomy) -> Channels:
-    """The channels of an anatomy's sensors."""
+    """The channels of an anatomy's sensors.
+
+    Raises:
+        InputError: it has a sensor that says nothing of such a robot.
+    """
     return _list_channels(anatomy.sensors, anatomy.parts, anatomy.fixed)
 
 
@@ -145,11 +160,7 @@ def list_channels(anatomy: Anatomy) -> Channels:
 def _list_channels(
     sensors: tuple[str, ...], parts: tuple[str, ...], fixed: bool
 ) -> Channels:
-    """The channels of sensors.
-
-    Args:
-        fixed: whether it is bolted down: nothing it does ends in another rest.
-    """
+    """The channels of sensors; nothing that a fixed robot does ends in another rest."""
     rows, names = list[tuple[int, int, int, SensorKind]](), list[str]()
     for name in sensors:
         kind, part = parse_sensor(name, parts)
@@ -165,14 +176,11 @@ def _list_channels(
     kinds = [kind for *_, kind in rows]
     numbers = np.array([row[:3] for row in rows], np.int64).reshape(-1, 3)
     weight = np.array([kind.weight for kind in kinds])
-    codes, owners, axis = numbers.T.copy()
-    return Channels(
-        tuple(names), tuple(kind.unit for kind in kinds), codes, owners, axis, weight,
-        np.full(len(rows), np.inf) if fixed else CAP / weight * _get_cap_scale(kinds),
-        np.array([kind.noise for kind in kinds]),
-    )  # fmt: skip
-
-
-def _get_cap_scale(kinds: list[SensorKind]) -> Floats:
-    """(C) the cap of lengths is as many millimeters as that of angles degrees."""
-    return np.array([kind.weight if kind.unit == "mm" else 1.0 for kind in kinds])
+    # the cap of lengths is as many millimeters as that of angles degrees
+    degrees = np.array([k.weight if k.unit == "mm" else 1.0 for k in kinds])
+    cap = np.full(len(rows), np.inf) if fixed else CAP / weight * degrees
+    units = tuple(kind.unit for kind in kinds)
+    noise = np.array([kind.noise for kind in kinds])
+    code, owner, axis = numbers.T.copy()
+    loss = Loss(weight, cap)
+    return Channels(tuple(names), units, code, owner, axis, loss, noise)

@@ -3,35 +3,37 @@
 import numba
 import numpy as np
 
+from ..body.body import Floats, Ints
 from ._hull import JIT
+from .channels import Loss
 
 
 @numba.njit(inline="always", **JIT)
-def _miss(predicted, felt, weight, cap):
-    """Loss of a channel: none where nothing was felt, infinite without prediction."""
+def _miss(predicted: float, felt: float, weight: float, cap: float) -> float:
+    """Loss of a channel: none where nothing was measured, infinite where unknown."""
     if np.isnan(felt):
         return 0.0
     return np.inf if np.isnan(predicted) else weight * min(abs(predicted - felt), cap)
 
 
 @numba.njit(**JIT)
-def compute_loss(predicted, felt, weight, cap):
-    """Loss of an action, sum_c weight_c min(|predicted_c - felt_c|, cap_c).
+def compute_loss(predicted: Floats, felt: Floats, loss: Loss) -> float:
+    """Loss of an action.
 
     Args:
         predicted: (C) channels; NaN = not known, an infinite loss.
         felt: (C) channels measured; NaN = unknown, and free.
-        weight: (C) [1/unit].
-        cap: (C) [unit].
     """
-    loss = 0.0
+    total = 0.0
     for c in range(felt.shape[0]):
-        loss += _miss(predicted[c], felt[c], weight[c], cap[c])
-    return loss
+        total += _miss(predicted[c], felt[c], loss.weight[c], loss.cap[c])
+    return total
 
 
 @numba.njit(**JIT)
-def fill_twin_losses(tables, source, column, felt, weight, cap, out):
+def fill_twin_losses(
+    tables: Floats, source: Ints, column: Ints, felt: Floats, loss: Loss, out: Floats
+) -> None:
     """Fill in the losses of the twins of a body, see `selfmodel.symmetry`.
 
     Args:
@@ -39,11 +41,10 @@ def fill_twin_losses(tables, source, column, felt, weight, cap, out):
         source: (T, n) the action of the body for each trade and action tried.
         column: (T, C) its column for each trade and channel.
         felt: (n, C) channels measured; NaN = unknown, and free.
-        weight: (C) as in `compute_loss`.
-        cap: (C) as there.
         out: (G, T) to fill: infinite where a prediction is not known.
     """
     tried, channels = felt.shape
+    weight, cap = loss.weight, loss.cap
     moves = np.zeros(channels, np.bool_)  # with the parts that trade
     for t in range(column.shape[0]):
         for c in range(channels):
@@ -53,7 +54,7 @@ def fill_twin_losses(tables, source, column, felt, weight, cap, out):
     for g in range(out.shape[0]):
         for k in range(tried):
             for a in range(tables.shape[1]):
-                still[k, a] = compute_loss(tables[g, a], free[k], weight, cap)
+                still[k, a] = compute_loss(tables[g, a], free[k], loss)
         for t in range(out.shape[1]):
             total = 0.0
             for k in range(tried):

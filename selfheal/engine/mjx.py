@@ -7,11 +7,11 @@ an anatomy.
 """
 
 import functools
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats
+from ..body.body import Anatomy, Bodies, Floats, Ints
 from ._jax import prepare_jax
 from ._mjx_body import (
     Parts,
@@ -22,7 +22,14 @@ from ._mjx_body import (
     plan_motion,
 )
 from ._program_cache import keep_exported, read_exported
-from .readings import Readings, compute_readings, pack_inputs
+from .arrays import pack_bodies
+from .readings import Readings, compute_readings
+
+if TYPE_CHECKING:
+    from jax import Array, ShapeDtypeStruct
+    from jax.export import Exported
+    from jax.sharding import Mesh, NamedSharding
+    from jax.stages import Compiled
 
 # Joints move from 0 to their target, then hold [s]. Chosen: the fastest that rests
 # where the reference does, which takes 2 s and 1 s.
@@ -68,7 +75,7 @@ class Mjx:
         sizes = np.hstack([bodies.length, bodies.thickness, bodies.mass])
         rest[~((sizes > 0).all(axis=1) & (rest[:, 4] < FASTEST))] = np.nan
         return compute_readings(
-            bodies, pack_inputs(bodies), rest[:, :3], rest[:, 3], rest[:, 5:], targets
+            bodies, pack_bodies(bodies), rest[:, :3], rest[:, 3], rest[:, 5:], targets
         )
 
     def prepare(self, anatomy: Anatomy) -> bool:
@@ -82,7 +89,7 @@ class Mjx:
             self.compile(anatomy)
         return kept
 
-    def compile(self, anatomy: Anatomy) -> Any:
+    def compile(self, anatomy: Anatomy) -> "Compiled":
         """The compiled batch of simulations of an anatomy.
 
         In the main thread alone where none is kept: tracing imports MJX, while which
@@ -116,7 +123,7 @@ class Mjx:
         return rest[: len(bodies)]
 
 
-def _pad_rows(rows, count: int):
+def _pad_rows(rows: Ints | Floats, count: int) -> np.ndarray:
     """These rows for the device; the last one repeated up to `count`."""
     kind = np.int32 if rows.dtype.kind == "i" else np.float32
     padding = [(0, count - len(rows))] + [(0, 0)] * (rows.ndim - 1)
@@ -150,17 +157,17 @@ class _Program(NamedTuple):
         """Whether an earlier run left it, so that it need not be traced."""
         return read_exported(self) is not None
 
-    def trace(self) -> Any:
+    def trace(self) -> "Exported":
         """The program as `jax.export` has it: rows of `Parts`, targets and a torso."""
         jax = prepare_jax()
         from jax import export
+        from jax.sharding import PartitionSpec
 
-        simulate = functools.partial(
-            _simulate_body, self.owner, self.feet, self.ramp, self.hold
-        )
-        split, shared = self._list_specs()
+        split, shared = PartitionSpec("rows"), PartitionSpec()
         program = jax.shard_map(
-            jax.vmap(simulate, in_axes=(0, 0, None, None)),
+            jax.vmap(
+                functools.partial(_simulate_body, self), in_axes=(0, 0, None, None)
+            ),
             mesh=self._make_mesh(),
             in_specs=(split, split, shared, shared),
             out_specs=split,
@@ -171,57 +178,49 @@ class _Program(NamedTuple):
         )
         return export.export(flat)(*self._list_arrays())
 
-    def compile(self) -> Any:
+    def compile(self) -> "Compiled":
         """The program for this machine's devices, traced if no earlier run did it."""
         jax = prepare_jax()
         traced = read_exported(self) or keep_exported(self, self.trace())
         placed = jax.jit(traced.call, **self._place_arrays())
         return placed.lower(*self._list_arrays()).compile()
 
-    def _list_arrays(self) -> list[Any]:
-        """Shapes and types of the program's arrays."""
+    def _list_arrays(self) -> list["ShapeDtypeStruct"]:
+        """Shapes and types of the program's arrays: rows, and two that all share."""
         from jax import ShapeDtypeStruct
 
         rows = (*list_row_shapes(self.size, len(self.owner)), (self.size,))
         kinds = [np.int32, *[np.float32] * (len(rows) - 1)]  # parents come first
-        return [
-            *(ShapeDtypeStruct((self.batch, *shape), kind)
-              for shape, kind in zip(rows, kinds, strict=True)),
-            ShapeDtypeStruct((4,), np.float32), ShapeDtypeStruct((), np.float32),
-        ]  # fmt: skip
+        shapes = [*((self.batch, *row) for row in rows), (4,), ()]
+        kinds += [np.float32, np.float32]
+        return [ShapeDtypeStruct(*one) for one in zip(shapes, kinds, strict=True)]
 
-    def _make_mesh(self) -> Any:
+    def _make_mesh(self) -> "Mesh":
         from jax.sharding import Mesh
 
         devices = prepare_jax().devices()
         return Mesh(np.array(devices[: self.devices]), ("rows",))
 
-    @staticmethod
-    def _list_specs() -> tuple[Any, Any]:
-        """How arrays of rows, and others, are spread over the devices."""
-        from jax.sharding import PartitionSpec
-
-        return PartitionSpec("rows"), PartitionSpec()
-
-    def _place_arrays(self) -> dict[str, Any]:
+    def _place_arrays(self) -> "dict[str, NamedSharding | tuple[NamedSharding, ...]]":
         """Where the program's arrays lie: rows split among the devices."""
-        from jax.sharding import NamedSharding
+        from jax.sharding import NamedSharding, PartitionSpec
 
-        split, shared = (
-            NamedSharding(self._make_mesh(), x) for x in self._list_specs()
-        )
-        count = len(self._list_arrays()) - 2
-        return {"in_shardings": (*[split] * count, shared, shared),
-                "out_shardings": split}  # fmt: skip
+        mesh, count = self._make_mesh(), len(self._list_arrays()) - 2
+        split = NamedSharding(mesh, PartitionSpec("rows"))
+        shared = NamedSharding(mesh, PartitionSpec())
+        inputs = (*[split] * count, shared, shared)
+        return {"in_shardings": inputs, "out_shardings": split}
 
 
 @functools.cache
-def _compile_program(program: _Program) -> Any:
+def _compile_program(program: _Program) -> "Compiled":
     """The compiled program, once in a process."""
     return program.compile()
 
 
-def _simulate_body(owner, feet, ramp, hold, body: Parts, target, torso, height):
+def _simulate_body(
+    program: _Program, body: Parts, target: "Array", torso: "Array", height: "Array"
+) -> "Array":
     """Simulate one body from lying at rest.
 
     Returns:
@@ -239,14 +238,15 @@ def _simulate_body(owner, feet, ramp, hold, body: Parts, target, torso, height):
         step_body,
     )
 
+    ramp = program.ramp
     moving = round((ramp + SETTLED_LAGS * SERVO_LAG) / TIMESTEP)
     share = _compute_servo_share(np.arange(moving + 1) * TIMESTEP, ramp).astype(
         np.float32
     )
-    plan = plan_motion(body, torso, owner, target[:, None] * share, TIMESTEP)
+    plan = plan_motion(body, torso, program.owner, target[:, None] * share, TIMESTEP)
     model, data = build_sphere_model(TIMESTEP)
 
-    def advance(state: BodyState, k):
+    def advance(state: BodyState, k: "Array") -> tuple[BodyState, None]:
         now, then = jnp.minimum(k, moving), jnp.minimum(k + 1, moving)
         spheres = plan.spheres[now]
         flow = (plan.spheres[then] - spheres) / TIMESTEP
@@ -259,18 +259,18 @@ def _simulate_body(owner, feet, ramp, hold, body: Parts, target, torso, height):
     start = BodyState(
         jnp.append(place, jnp.array([1.0, 0, 0, 0])), still, still[:3], still
     )
-    steps = jnp.arange(round((ramp + hold) / TIMESTEP))
+    steps = jnp.arange(round((ramp + program.hold) / TIMESTEP))
     end, _ = jax.lax.scan(advance, start, steps)
     up = convert_quaternion(end.pose[3:])[2]
     level = end.pose[2] + plan.spheres[-1] @ up - body.radius
     first_tip = 8 + target.shape[0] - 1
-    tips = level[first_tip + np.asarray(feet, int)]
+    tips = level[first_tip + np.asarray(program.feet, int)]
     lift = end.pose[2] - plan.center[-1] @ up
     fastest = jnp.abs(end.velocity).max()
     return jnp.concatenate([up, lift[None], fastest[None], tips])
 
 
-def _compute_servo_share(time: Floats, ramp: float) -> Floats:
+def _compute_servo_share(time: np.ndarray, ramp: float) -> Floats:
     """Share of the target reached by servos that trail a ramp by SERVO_LAG."""
     trail = SERVO_LAG / ramp * (1 - np.exp(-np.minimum(time, ramp) / SERVO_LAG))
     late = np.exp(-np.maximum(time - ramp, 0) / SERVO_LAG)

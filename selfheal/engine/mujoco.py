@@ -2,11 +2,17 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import Bodies, Floats
-from .readings import Readings, compute_readings, pack_inputs
+from ..body.body import Bodies, Floats, Ints
+from .arrays import pack_bodies
+from .readings import Readings, compute_readings
+
+if TYPE_CHECKING:
+    from ..body.mjcf import Physics
 
 # Joints move from 0 to their target, then hold [s]. Chosen: 15 degrees a second, a
 # quarter of the real servos' speed, so that a body rests where it is set down and not
@@ -23,8 +29,10 @@ class MuJoCo:
 
     name = "mujoco"
 
-    def __init__(self, physics=None, ramp: float = RAMP, hold: float = HOLD) -> None:
-        """`physics`: a `body.mjcf.Physics`, None = the defaults; times in seconds."""
+    def __init__(
+        self, physics: "Physics | None" = None, ramp: float = RAMP, hold: float = HOLD
+    ) -> None:
+        """`physics` None: the defaults; times in seconds."""
         self.physics, self.ramp, self.hold = physics, ramp, hold
 
     def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
@@ -42,10 +50,10 @@ class MuJoCo:
                 )
             )
         up, height, tips, angles = (np.concatenate(x) for x in zip(*rests, strict=True))
-        return compute_readings(bodies, pack_inputs(bodies), up, height, tips, angles)
+        return compute_readings(bodies, pack_bodies(bodies), up, height, tips, angles)
 
     def _simulate_to_rest(
-        self, bodies: Bodies, rows, targets: Floats
+        self, bodies: Bodies, rows: Ints, targets: Floats
     ) -> tuple[Floats, ...]:
         """Up (n, 3), height (n), foot heights (n, F), angles (n, P) of one body."""
         import mujoco
@@ -87,7 +95,6 @@ class MuJoCo:
 
 def _differs_from_previous(bodies: Bodies) -> np.ndarray:
     """(N) whether a row is another body than the row before; the first one is."""
-    columns = (bodies.parent, bodies.anchor, bodies.heading, bodies.axis,
-               bodies.length, bodies.thickness, bodies.mass)  # fmt: skip
+    columns = (getattr(bodies, f.name) for f in fields(bodies)[1:])
     flat = np.hstack([c.reshape(len(bodies), -1) for c in columns])
     return np.append(True, (flat[1:] != flat[:-1]).any(axis=1))

@@ -1,11 +1,13 @@
 """Readings: what the robot's sensors say at rest, in batches."""
 
 from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, compute_mounts
-from .channels import MAX_CLEARANCE, TOUCH_HEIGHT, list_channels
+from ..body.body import Bodies, Floats, Rows
+from .arrays import BodyArrays, pack_robot
+from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
 @dataclass(frozen=True)
@@ -29,14 +31,14 @@ class Readings:
     channels: Floats
     failed: np.ndarray
 
-    def __getitem__(self, rows) -> "Readings":
+    def __getitem__(self, rows: Rows) -> "Readings":
         """These rows of the leading axis."""
         return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def compute_readings(
     bodies: Bodies,
-    packed: tuple[tuple, tuple],
+    packed: BodyArrays,
     up: Floats,
     height: Floats,
     tips: Floats,
@@ -45,7 +47,7 @@ def compute_readings(
     """Readings of bodies at rest.
 
     Args:
-        packed: from `pack_inputs`.
+        packed: the same bodies.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].
         tips: (N, F) height of each foot's lowest point [m].
@@ -54,7 +56,7 @@ def compute_readings(
     from ._sense import sense_batch
 
     up = np.clip(np.asarray(up, float), -1, 1)
-    belly, columns = bodies.anatomy.torso_half[2], list_channels(bodies.anatomy)
+    robot, belly = pack_robot(bodies.anatomy, 0), bodies.anatomy.torso_half[2]
     height, tips = np.asarray(height, float), np.asarray(tips, float)
     failed = ~(np.isfinite(up).all(1) & np.isfinite(height) & np.isfinite(tips).all(1))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -64,23 +66,19 @@ def compute_readings(
     clearance = np.where(np.isnan(clearance), MAX_CLEARANCE, np.maximum(clearance, 0))
     tilt = np.stack([-np.arcsin(up[:, 1]), np.arcsin(up[:, 0])], axis=1)
     touch = (tips < TOUCH_HEIGHT).astype(float)
-    angles, channels = np.array(angles, float), np.empty((len(up), len(columns)))
-    rows, known = packed
-    sense_batch(
-        *rows, *known, angles, np.ascontiguousarray(up),
-        np.ascontiguousarray(height), columns.columns, channels,
-    )  # fmt: skip
+    angles, channels = np.array(angles, float), np.empty((len(up), len(robot.code)))
+    up, height = np.ascontiguousarray(up), np.ascontiguousarray(height)
+    sense_batch(packed, robot, angles, up, height, channels)
     for values in (tilt, clearance, touch, angles, channels):
         values[failed] = np.nan
     return Readings(tilt, clearance, touch, angles, channels, failed)
 
 
-def pack_inputs(bodies: Bodies) -> tuple[tuple, tuple]:
-    """A batch as the kernels take it: arrays of N rows, and what all rows share."""
-    a = bodies.anatomy
-    rows = (
-        bodies.parent, bodies.anchor, compute_mounts(bodies), bodies.axis,
-        bodies.length, bodies.thickness, bodies.mass,
-    )  # fmt: skip
-    known = a.torso_half, a.torso_mass, a.block_half, a.block_center, a.block_mass
-    return rows, (known, a.radius)
+class Engine(Protocol):
+    """Anything that predicts readings of bodies under joint targets."""
+
+    name: str
+
+    def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
+        """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
+        ...

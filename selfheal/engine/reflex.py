@@ -9,10 +9,11 @@ evaluated at once. MJX was measured instead: docs/how-recover-works.md.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import Floats
+from ..body.body import Floats, Rows
 from ..body.changes import (
     AIR_DENSITY,
     LOST_SHARE,
@@ -24,6 +25,9 @@ from ..body.legged import HIDDEN, LeggedRobot
 from ..machine import count_cores
 from .network import build_networks
 from .walk import FASTEST
+
+if TYPE_CHECKING:
+    from mujoco.batch import Batch
 
 STEPS = 1000  # of one evaluation (overview.txt 4.3)
 STEP = 0.01  # [s] of one, as the models have it
@@ -65,7 +69,7 @@ class LeggedPlants:
     def __len__(self) -> int:
         return len(self.friction)
 
-    def __getitem__(self, rows) -> "LeggedPlants":
+    def __getitem__(self, rows: Rows) -> "LeggedPlants":
         """These rows."""
         kept = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
         return replace(self, **kept)
@@ -88,7 +92,7 @@ class Rollouts:
     path: Floats
     failed: np.ndarray
 
-    def __getitem__(self, rows) -> "Rollouts":
+    def __getitem__(self, rows: Rows) -> "Rollouts":
         """These rows."""
         return Rollouts(*(getattr(self, f.name)[rows] for f in fields(self)))
 
@@ -207,7 +211,7 @@ def simulate_controllers(
     return Rollouts(np.where(failed, -np.inf, way), sensed, path, failed)
 
 
-def _build_batch(plants: LeggedPlants):
+def _build_batch(plants: LeggedPlants) -> "Batch":
     """The simulations, at rest at their start."""
     from mujoco.batch import Batch
 

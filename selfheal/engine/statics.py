@@ -8,10 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats, Ints
+from ..body.body import Bodies, Floats
 from ..machine import count_cores
-from .channels import list_channels
-from .readings import Readings, compute_readings, pack_inputs
+from .arrays import Race, pack_bodies, pack_robot
+from .channels import Loss
+from .readings import Readings, compute_readings
 
 # rows; handing work to a thread costs about as much as settling half of these
 _LEAST_ROWS_PER_THREAD = 16
@@ -42,47 +43,25 @@ class Statics:
         a = bodies.anatomy
         targets = np.ascontiguousarray(targets, float)
         out = np.empty((len(bodies), 4 + a.size))
-        packed, known = inputs = pack_inputs(bodies)
+        packed, robot = pack_bodies(bodies), pack_robot(a, self.substeps)
 
         def run(rows: slice) -> None:
-            settle_batch(
-                *(x[rows] for x in packed), *known, targets[rows],
-                self._count_substeps(a),
-                out[rows],
-            )  # fmt: skip
+            settle_batch(packed.take_rows(rows), robot, targets[rows], out[rows])
 
         self._run_in_threads(run, len(bodies))
         feet = out[:, 3 + np.asarray(a.feet, int)]
-        return compute_readings(bodies, inputs, out[:, :3], out[:, 3], feet, targets)
-
-    def _count_substeps(self, anatomy: Anatomy) -> int:
-        """Sub-steps of the ramp; none of a robot that is bolted down."""
-        return 0 if anatomy.fixed else self.substeps
+        return compute_readings(bodies, packed, out[:, :3], out[:, 3], feet, targets)
 
     def race(
-        self,
-        bodies: Bodies,
-        targets: Floats,
-        felt: Floats,
-        *,
-        weight: Floats,
-        cap: Floats,
-        order: Ints,
-        bound: Floats,
-        other_rest: Floats | float = np.inf,
+        self, bodies: Bodies, tried: tuple[Floats, Floats], loss: Loss, race: Race
     ) -> Floats:
         """Loss of N bodies under n actions in turn, each given up at its bound.
 
         Args:
-            targets: (n, P) joint targets of the actions [rad].
-            felt: (n, C) channels measured, of the anatomy's sensors.
-            weight: (C), and
-            cap: (C) of the loss of an action, sum_c weight_c min(|gap_c|, cap_c).
-            order: (N, n) in which each body's actions are tried.
-            bound: (N, n) a body is given up whose loss before the first, second, ...
-                action in its order is not below.
-            other_rest: (N) or one: loss that is added where a body is put down as the
-                robot's tilts say it lies; that sum counts where it is less.
+            tried: (n, P) joint targets of the actions [rad], and (n, C) channels
+                measured, of the anatomy's sensors.
+            race: where its `other_rest` is finite, a body is also put down as the
+                robot's tilts say it lies; the lower loss counts.
 
         Returns:
             (N, n) loss under each action, NaN where it was not simulated, infinite
@@ -90,18 +69,14 @@ class Statics:
         """
         from ._settle import race_batch
 
-        each = np.empty((len(bodies), len(targets)))
-        channels = list_channels(bodies.anatomy)
-        steps = self._count_substeps(bodies.anatomy)
-        rest = np.full(len(bodies), np.inf if bodies.anatomy.fixed else other_rest)
-        packed, known = pack_inputs(bodies)
+        each = np.empty(race.order.shape)
+        if bodies.anatomy.fixed:
+            race = race._replace(other_rest=np.full(len(bodies), np.inf))
+        packed, robot = pack_bodies(bodies), pack_robot(bodies.anatomy, self.substeps)
 
         def run(rows: slice) -> None:
-            race_batch(
-                *(x[rows] for x in packed), *known, targets, felt, weight, cap,
-                rest[rows], order[rows], bound[rows], steps, channels.columns,
-                each[rows],
-            )  # fmt: skip
+            some = packed.take_rows(rows), robot, tried, loss, race.take_rows(rows)
+            race_batch(*some, each[rows])
 
         self._run_in_threads(run, len(bodies))
         return each

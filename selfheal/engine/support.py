@@ -1,6 +1,7 @@
 """What carries a body whose joints move: a body and commands in; touch, tilt out."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -31,12 +32,12 @@ def measure_support(body: Bodies, commands: Floats, period: float) -> tuple[int,
     spec = build_spec(body, 0, replace(Physics(), timestep=_STEP))
     for geom in spec.geoms:
         if geom.parent.name not in ("world", "torso"):
-            geom.margin = geom.gap = CLEARANCE  # told, but without a force
+            geom.margin = geom.gap = CLEARANCE  # a contact without a force
     model = spec.compile()
     data, torso = mujoco.MjData(model), model.body("torso").id
     touched, cosine = 0, 1.0
     steps = round(period / _STEP)
-    for before, command in zip(commands[:-1], commands[1:], strict=True):
+    for before, command in pairwise(commands):
         for share in np.arange(1, steps + 1) / steps:
             data.ctrl[:] = before + share * (command - before)
             mujoco.mj_step(model, data)

@@ -6,15 +6,19 @@ MuJoCo at 65,000 (docs/results/heal.md), so there is no second engine here.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import BELLY_SENSOR, Anatomy, Floats
+from ..body.body import BELLY_SENSOR, Anatomy, Floats, Rows
 from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
 from ..machine import count_cores
-from .channels import TOUCH_HEIGHT
+from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 from .plant import Plant, compute_set_points
+
+if TYPE_CHECKING:
+    import mujoco
 
 PERIOD = 0.01  # [s] between commands; chosen: one step of the search's simulation
 SAMPLE = 0.05  # [s] between readings; chosen
@@ -49,8 +53,8 @@ class Walks:
     state: Floats
     set_point: Floats
 
-    def __getitem__(self, rows) -> "Walks":
-        """These walks."""
+    def __getitem__(self, rows: Rows | int) -> "Walks":
+        """These walks, or one without the first axis."""
         return Walks(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
@@ -75,12 +79,11 @@ def simulate_walks(
         begin = None if start is None else (start[0][rows], start[1][rows])
         chosen = [models[id(p)] for p in plants[rows]]
         parts.append(_simulate_chunk(list(plants[rows]), chosen, commands[rows], begin))
-    joined = (np.concatenate([getattr(p, f.name) for p in parts])
-              for f in fields(Walks))  # fmt: skip
-    return Walks(*joined)
+    names = [f.name for f in fields(Walks)]
+    return Walks(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
 
 
-def _compile_plant(plant: Plant):
+def _compile_plant(plant: Plant) -> "mujoco.MjModel":
     """A plant's model."""
     import mujoco
 
@@ -96,7 +99,7 @@ def _compile_plant(plant: Plant):
     return model
 
 
-def _start_at_rest(model, count: int) -> tuple[Floats, Floats]:
+def _start_at_rest(model: "mujoco.MjModel", count: int) -> tuple[Floats, Floats]:
     """State and set points at rest."""
     import mujoco
 
@@ -107,7 +110,10 @@ def _start_at_rest(model, count: int) -> tuple[Floats, Floats]:
 
 
 def _simulate_chunk(
-    plants: list[Plant], models: list, commands: Floats, start
+    plants: list[Plant],
+    models: "list[mujoco.MjModel]",
+    commands: Floats,
+    start: tuple[Floats, Floats] | None,
 ) -> Walks:
     """Some of the walks."""
     import mujoco
@@ -122,12 +128,18 @@ def _simulate_chunk(
         states, sensors = rollout.rollout(
             models, data, state, np.repeat(points, steps, axis=1)
         )
-        return _sample_walks(plants, models[0], states, sensors, points, steps)
+        return _sample_walks(plants, models[0], (states, sensors), points)
 
 
-def _sample_walks(plants, model, states, sensors, points, steps) -> Walks:
-    """What was simulated, sampled."""
-    names = plants[0].body.anatomy.joints
+def _sample_walks(
+    plants: list[Plant],
+    model: "mujoco.MjModel",
+    simulated: tuple[Floats, Floats],
+    points: Floats,
+) -> Walks:
+    """What was simulated, states and sensors (N, steps, ...), sampled."""
+    states, sensors = simulated
+    names, steps = plants[0].body.anatomy.joints, states.shape[1] // points.shape[1]
     p, every = len(names), _STEPS_PER_SAMPLE * steps
     last = states[:, -1].copy()
     seen, tips = states[:, every - 1 :: every], sensors[:, every - 1 :: every]
@@ -250,12 +262,9 @@ def read_by_gain(true: Floats, sensors: Sequence[str], plant: Plant) -> Floats:
 
 def compute_clearance(walks: Walks, belly: float) -> Floats:
     """(N, S) belly to floor along the torso's z [m], at most `MAX_CLEARANCE`."""
-    from .channels import MAX_CLEARANCE
-
     level = np.array([0.0, 0, 1])
-    z = rotate_into_frame(walks.orientation, np.broadcast_to(level, walks.up.shape))[
-        ..., 2
-    ]
+    level = np.broadcast_to(level, walks.up.shape)
+    z = rotate_into_frame(walks.orientation, level)[..., 2]
     with np.errstate(divide="ignore", invalid="ignore"):
         gap = walks.position[..., 2] / z - belly
     return np.where(z > 0.05, np.clip(gap, 0, MAX_CLEARANCE), MAX_CLEARANCE)

@@ -4,9 +4,9 @@ import numpy as np
 
 from ..body.body import Bodies, Floats, measure_center_distance
 from ..body.genome import Genomes, build_bodies, center_on_sides, concatenate_genomes
+from ..engine.channels import list_channels
 from ..engine.statics import Statics
 from ..errors import InputError
-from ..selfmodel.evaluate import make_capped_loss
 from ..selfmodel.prior import compute_prior_cost
 from ..selfmodel.run import Run
 from ..selfmodel.space import find_space
@@ -53,7 +53,7 @@ def _compute_losses(run: Run, genomes: Genomes) -> Floats:
     rows = np.repeat(np.arange(len(bodies)), len(tried))
     seen = Statics().simulate(bodies[rows], np.tile(tried, (len(bodies), 1)))
     table = seen.channels.reshape(len(bodies), len(tried), -1)
-    gap = make_capped_loss(run.anatomy)(table, measured)
+    gap = list_channels(run.anatomy).loss(table, measured)
     space = find_space(run.settings.space)
     off = np.abs((genomes.placement * 4) % 1 - 0.5) / 4 > _MIDDLE
     total = (

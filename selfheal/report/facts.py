@@ -31,7 +31,8 @@ def choose_channels(run: Run, most: int) -> list[int]:
     measured = np.array([cycle.felt for cycle in run.cycles])
     predicted = run.cycles[-1].tables[0][[cycle.action for cycle in run.cycles]]
     known = np.isfinite(measured).any(axis=0)
-    gap = np.nan_to_num(np.abs(predicted - measured)).mean(axis=0) * channels.weight
+    gap = np.nan_to_num(np.abs(predicted - measured)).mean(axis=0)
+    gap = gap * channels.loss.weight
     worst = np.lexsort((-gap, channels.shown == 0, ~known))[:most]
     return sorted(int(k) for k in worst if known[k] or not known.any())
 

@@ -7,54 +7,17 @@ one candidate under one action, on any engine.
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, Ints, count_centers_in_torso
 from ..body.genome import Genomes, build_bodies
-from ..engine.channels import list_channels
-from ..engine.readings import Readings
-
-
-class Engine(Protocol):
-    """Anything that predicts readings of bodies under joint targets."""
-
-    name: str
-
-    def simulate(self, bodies: Bodies, targets: Floats) -> Readings:
-        """Readings (N) of N bodies, each under its own joint targets (N, P) [rad]."""
-        ...
-
-
-@dataclass(frozen=True)
-class Loss:
-    """The error of one action: sum_c weight_c min(|predicted_c - measured_c|, cap_c).
-
-    Attributes:
-        weight: (C) of the channels [1/unit].
-        cap: (C) beyond which a miss is as good as another [unit].
-    """
-
-    weight: Floats
-    cap: Floats
-
-    def __call__(self, predicted: Floats, measured: Floats) -> Floats:
-        """Loss (...) of channels (..., C); one that is not known, NaN, is free."""
-        gap = np.minimum(np.abs(predicted - measured), self.cap)
-        return np.nansum(gap * self.weight, axis=-1)
-
+from ..engine.arrays import Race
+from ..engine.channels import Loss, list_channels
+from ..engine.readings import Engine
 
 # Paper A: |lr| + |fb| [deg] + |clearance| [mm / 100]; papers.md 1.4.
 PAPER_LOSS = Loss(np.array([1.0, 1.0, 0.01]), np.full(3, np.inf))
-
-
-def make_capped_loss(anatomy: Anatomy) -> Loss:
-    """Ours, of all of a robot's sensors."""
-    channels = list_channels(anatomy)
-    return Loss(channels.weight, channels.cap)
-
-
 _MEMORY = 0.9  # of the running mean of each action's loss; chosen
 
 
@@ -111,12 +74,12 @@ class Evaluator:
 
         Args:
             actions: (A, P) joint targets [rad].
-            loss: of one action; None: ours.
+            loss: of one action; None: of all of the robot's sensors.
             progress: is told the simulations so far.
         """
         self.progress = progress or (lambda count: None)
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
-        self.loss = loss or make_capped_loss(anatomy)
+        self.loss = loss or list_channels(anatomy).loss
         self.spent, self.spent_choosing, self.failed = 0, 0, 0
         self._counts_as_choice = False
         self.hardness = np.full(len(actions), np.inf)
@@ -167,107 +130,51 @@ class Evaluator:
         return self.loss(table[list(evidence.tried)], evidence.measured)
 
     def compute_losses(
-        self,
-        genomes: Genomes,
-        evidence: Evidence,
-        *,
-        bound: Floats,
-        order: Ints,
-        other_rest: Floats | float = np.inf,
-    ) -> tuple[Floats, Floats]:
-        """Losses of genomes; see `compute_body_losses`.
-
-        Args:
-            bound: (N, n) or (N) loss at which a body is given up.
-            order: (n) or (N, n) positions in the evidence, first to last to be tried.
-            other_rest: (N) or one: loss of a pose that a body can rest in, though it
-                comes to another.
-
-        Returns:
-            (N) losses, infinite where given up, and (N, n) loss under each action.
-        """
-        bodies = build_bodies(self.anatomy, genomes)
-        return self.compute_body_losses(
-            bodies, evidence, bound=bound, order=order, other_rest=other_rest
-        )
-
-    def compute_body_losses(
-        self,
-        bodies: Bodies,
-        evidence: Evidence,
-        *,
-        bound: Floats,
-        order: Ints,
-        other_rest: Floats | float = np.inf,
+        self, bodies: Bodies, evidence: Evidence, race: Race
     ) -> tuple[Floats, Floats]:
         """Losses over the evidence, abandoned once they reach a bound.
 
         Args:
-            bound: (N, n) or (N): a candidate is given up if its loss after k + 1
-                actions has reached bound[:, k].
-            order: (n) or (N, n) positions in the evidence, first to last to be
-                simulated.
-            other_rest: as in `compute_losses`, where the engine tells it.
+            race: of positions in the evidence; `other_rest` counts where the engine
+                has a race of its own.
 
         Returns:
             total: (N) loss of the candidates that stayed below, infinite for others.
             each: (N, n) loss under each action, by position in the evidence; NaN where
                 not simulated, infinite where the simulation diverged.
         """
-        shape = len(bodies), len(evidence)
-        order = np.ascontiguousarray(np.broadcast_to(order, shape))
-        bound = np.broadcast_to(bound if bound.ndim == 2 else bound[:, None], shape)
-        each = np.full(shape, np.nan)
-        rest = np.broadcast_to(other_rest, len(bodies))
+        each = np.full(race.order.shape, np.nan)
         sound = np.flatnonzero(count_centers_in_torso(bodies) == 0)  # papers.md 1.1
         if len(sound):
-            each[sound] = self._race_bodies(
-                bodies[sound],
-                evidence,
-                bound=bound[sound],
-                order=order[sound],
-                other_rest=rest[sound],
-            )
-        run = np.cumsum(np.take_along_axis(each, order, axis=1), axis=1)
-        complete = (run < bound).all(axis=1)  # false where anything is not known
+            some = bodies[sound], evidence, race.take_rows(sound)
+            each[sound] = self._race_bodies(*some)
+        run = np.cumsum(np.take_along_axis(each, race.order, axis=1), axis=1)
+        complete = (run < race.bound).all(axis=1)  # false where anything is not known
         return np.where(complete, run[:, -1], np.inf), each
 
-    def _race_bodies(
-        self,
-        bodies: Bodies,
-        evidence: Evidence,
-        *,
-        bound: Floats,
-        order: Ints,
-        other_rest: Floats,
-    ) -> Floats:
+    def _race_bodies(self, bodies: Bodies, evidence: Evidence, race: Race) -> Floats:
         """(N, n) losses by position, NaN from where a body has reached its bound."""
-        tried, felt = np.asarray(evidence.tried), evidence.measured
-        race = getattr(self.engine, "race", None)
-        if race:
-            # the bound before an action is the one after the action before
-            before = np.hstack([np.full((len(bound), 1), np.inf), bound[:, :-1]])
-            each = race(
-                bodies, self.actions[tried], felt, weight=self.loss.weight,
-                cap=self.loss.cap, order=order, bound=before, other_rest=other_rest,
-            )  # fmt: skip
+        tried, run_race = list(evidence.tried), getattr(self.engine, "race", None)
+        if run_race:
+            known = self.actions[tried], evidence.measured
+            each: Floats = run_race(bodies, known, self.loss, race)
             self._count(int((~np.isnan(each)).sum()))
             self.failed += int(np.isinf(each).sum())
         else:
-            each = self._race_in_batches(bodies, evidence, bound=bound, order=order)
+            each = self._race_in_batches(bodies, evidence, race)
         self._update_hardness(tried, each)
         return each
 
     def _race_in_batches(
-        self, bodies: Bodies, evidence: Evidence, *, bound: Floats, order: Ints
+        self, bodies: Bodies, evidence: Evidence, race: Race
     ) -> Floats:
         """The race on an engine of fixed batch size: several actions at once."""
         tried, total = np.asarray(evidence.tried), np.zeros(len(bodies))
-        each = np.full(order.shape, np.nan)
+        each = np.full(race.order.shape, np.nan)
         alive, place = np.arange(len(bodies)), 0
         while place < len(tried) and len(alive):
             batch = getattr(self.engine, "batch", 1)
-            now = order[alive, place : place + max(1, batch // len(alive))]
+            now = race.order[alive, place : place + max(1, batch // len(alive))]
             width = now.shape[1]
             seen = self.simulate_actions(
                 bodies[np.repeat(alive, width)], tried[now].reshape(-1)
@@ -278,10 +185,10 @@ class Evaluator:
             each[alive[:, None], now] = gap
             place += width
             total[alive] += gap.sum(axis=1)
-            alive = alive[total[alive] < bound[alive, place - 1]]
+            alive = alive[total[alive] < race.bound[alive, place - 1]]
         return each
 
-    def _update_hardness(self, actions: Ints, gap: Floats) -> None:
+    def _update_hardness(self, actions: list[int], gap: Floats) -> None:
         """Keep a running mean of the loss (N, w) under each of w actions."""
         seen = np.isfinite(gap)
         count = seen.sum(axis=0)

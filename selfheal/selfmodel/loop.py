@@ -4,7 +4,6 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -12,17 +11,19 @@ from ..body.body import Floats, Ints
 from ..body.genome import Genomes, build_bodies
 from ..engine import ENGINES, make_engine
 from ..engine.channels import list_channels
+from ..engine.mjx import Mjx
 from ..errors import InputError, UnknownNameError, check_seed
 from ..robot.base import Robot
 from ..robot.rest_readings import read_rest_channels
 from .attachment_probability import compute_attachment_probability
-from .evaluate import Evaluator, Evidence
+from .evaluate import PAPER_LOSS, Evaluator, Evidence
 from .explore import measure_disagreement
 from .paper import PaperSearch
 from .plainest import put_plainest_first
+from .rivals import RivalSet
 from .run import Cycle, Run, Settings, uses_second_engine
 from .second_engine import Question, SecondEngine
-from .space import find_space, keep_others
+from .space import BodySpace, find_space, keep_others
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
 
 _MOST_CONFIRMED = 8  # rivals whose rank mjx confirms each cycle; chosen
@@ -126,27 +127,34 @@ class _Searched:
     candidates: tuple[Ints, Floats]
     question: Question | None
     counts: dict[str, int]
-    state: dict[str, Any]
+    state: dict[str, np.ndarray | str]
 
 
 class _IdentifyLoop:
     """One run in progress: the parts of it that a run file does not hold."""
 
-    def __init__(self, robot: Robot, settings: Settings, progress: Progress) -> None:
+    def __init__(
+        self, robot: Robot, settings: Settings, progress: Progress | None
+    ) -> None:
         self.robot, self.settings = robot, settings
         name = settings.engine
+        self.space = find_space(
+            settings.space,
+            known_lengths=settings.known_lengths,
+            ordered=robot.anatomy.ordered,
+        )
         self.evaluator = Evaluator(
             robot.anatomy,
             make_engine("statics" if name == "auto" else name),
             actions=robot.actions,
+            loss=None if settings.method == "default" else PAPER_LOSS,
             progress=progress,
         )
-        self.strategy = _make_strategy(settings, self.evaluator)
-        self.evaluator.loss = self.strategy.loss
+        self.strategy = _make_strategy(settings, self.evaluator, self.space)
         self.rng = np.random.default_rng([settings.seed, 10])
         self.second: SecondEngine | None = None
         if uses_second_engine(settings, robot.anatomy):
-            self.second = SecondEngine(make_engine("mjx"), self.evaluator)
+            self.second = SecondEngine(Mjx(), self.evaluator)
         self.channels, self.seconds = list_channels(robot.anatomy), 0.0
         self.evidence = Evidence.empty(len(self.channels))
 
@@ -157,22 +165,20 @@ class _IdentifyLoop:
         reading = read_rest_channels(self.robot.act(action), self.robot.anatomy)
         self.evidence = self.evidence.add(action, reading)
         n, cycles = len(self.evidence), self.settings.cycles
-        late = (
-            _HINGE_LATE_POWER if find_space(self.settings.space).hinges else _LATE_POWER
-        )
+        late = _HINGE_LATE_POWER if self.space.hinges else _LATE_POWER
         share = (n * (n + 1)) ** late, (cycles * (cycles + 1)) ** late
         limit = self.settings.budget * share[0] // share[1]
         self.strategy.search_bodies(self.evidence, limit, self.rng)
-        genomes, tables, losses = self._list_rivals()
+        rivals = self._list_rivals()
         left = np.setdiff1d(np.arange(len(self.robot.actions)), self.evidence.tried)
         foreseen, belief = self.strategy.predict_tables()
         cycle = Cycle(
             action=action,
             why=why,
             felt=reading,
-            genomes=genomes,
-            tables=tables,
-            losses=losses,
+            genomes=rivals.genomes,
+            tables=rivals.tables,
+            losses=rivals.losses,
             sureness=np.full(self.robot.anatomy.size, np.nan),
             tilt_error=np.nan,
             disagreement=measure_disagreement(
@@ -183,8 +189,8 @@ class _IdentifyLoop:
         )
         question = None
         if self.second:
-            top = np.arange(min(_MOST_CONFIRMED, len(losses)))
-            question = self.second.ask(genomes[top], tables[top], self.evidence)
+            top = rivals[np.arange(min(_MOST_CONFIRMED, len(rivals)))]
+            question = self.second.ask(top.genomes, top.tables, self.evidence)
         candidates = self.strategy.list_candidates()
         counts, state = self._count_simulations(), self._capture_search()
         self.seconds += time.perf_counter() - start
@@ -195,15 +201,14 @@ class _IdentifyLoop:
         question = searched[0].question
         return not question or question.is_answered or len(searched) > _MOST_WAITING
 
-    def _list_rivals(self) -> tuple[Genomes, Floats, Floats]:
+    def _list_rivals(self) -> RivalSet:
         """The rivals that are recorded, best first, with tables of the best five."""
-        genomes, tables, losses = self.strategy.list_rivals()
-        best = np.arange(min(_MOST_RECORDED, len(losses)))
-        genomes, tables, losses = genomes[best], tables[best], losses[best]
-        if np.isnan(tables[:1]).any():  # a method that keeps no tables
+        rivals = self.strategy.list_rivals()
+        rivals = rivals[np.arange(min(_MOST_RECORDED, len(rivals)))]
+        if np.isnan(rivals.tables[:1]).any():  # a method that keeps no tables
             with self.evaluator.count_as_choice():
-                tables[:5] = self.evaluator.compute_table(genomes[:5])
-        return genomes, tables, losses
+                rivals.tables[:5] = self.evaluator.compute_table(rivals.genomes[:5])
+        return rivals
 
     def confirm_cycle(self, run: Run, searched: _Searched) -> Run:
         """The run and one more cycle, its rivals ranked by the second engine too."""
@@ -213,7 +218,7 @@ class _IdentifyLoop:
             second = self.second.compute_losses(searched.question)
             cycle = self._rank_rivals(cycle, second)
             counts = counts | {"mjx": self.second.spent}
-            state = state | self.second.capture_state()
+            state = {**state, **self.second.capture_state()}
         tried, measured = list(searched.evidence.tried), searched.evidence.measured
         gap = self.channels.weigh_shown(np.abs(cycle.tables[0, tried] - measured))
         cycle = replace(
@@ -228,7 +233,8 @@ class _IdentifyLoop:
         )
         self.seconds += time.perf_counter() - start
         cycle = replace(cycle, seconds=self.seconds)
-        return run.with_cycle(cycle, counts=counts, state=state)
+        cycles = *run.cycles, cycle
+        return replace(run, cycles=cycles, counts=counts, state=state)
 
     def _rank_rivals(self, cycle: Cycle, second: Floats) -> Cycle:
         """A cycle whose best rivals are in the order of a second engine's losses."""
@@ -253,18 +259,17 @@ class _IdentifyLoop:
             "failed": e.failed,
         }
 
-    def _capture_search(self) -> dict[str, Any]:
+    def _capture_search(self) -> dict[str, np.ndarray | str]:
         """What `restore_state` needs besides the cycles and the second engine."""
         # copies: the search goes on, and what was yielded must not
         kept = {f"strategy_{k}": v for k, v in self.strategy.capture_state().items()}
         kept["hardness"] = self.evaluator.hardness
-        state: dict[str, Any] = {k: np.array(v) for k, v in kept.items()}
-        state["random"] = json.dumps(self.rng.bit_generator.state)
-        return state
+        random = json.dumps(self.rng.bit_generator.state)
+        return {**{k: np.array(v) for k, v in kept.items()}, "random": random}
 
     def restore_state(self, run: Run) -> None:
         """Stand where a run stopped."""
-        state, e = run.state, self.evaluator
+        state, e = {k: np.asarray(v) for k, v in run.state.items()}, self.evaluator
         self.seconds = run.cycles[-1].seconds
         for cycle in run.cycles:
             self.evidence = self.evidence.add(cycle.action, cycle.felt)
@@ -273,7 +278,7 @@ class _IdentifyLoop:
             {k.removeprefix(start): v for k, v in state.items() if k.startswith(start)},
             self.evidence,
         )
-        self.rng.bit_generator.state = json.loads(state["random"])
+        self.rng.bit_generator.state = json.loads(str(state["random"]))
         e.hardness = state["hardness"].copy()
         e.spent, e.spent_choosing = run.counts[e.engine.name], run.counts["choice"]
         e.failed = run.counts["failed"]
@@ -288,21 +293,14 @@ def _count_survived(run: Run, genomes: Genomes) -> int:
     return (*same, False).index(False)
 
 
-def _make_strategy(settings: Settings, evaluator: Evaluator) -> Strategy:
-    """The method asked for."""
+def _make_strategy(
+    settings: Settings, evaluator: Evaluator, space: BodySpace
+) -> Strategy:
+    """The method of the settings."""
     if settings.method == "default":
-        return RivalStrategy(
-            evaluator,
-            space=settings.space,
-            known_lengths=settings.known_lengths,
-            random_actions=settings.random_actions,
-        )
-    finder = PaperSearch(evaluator)
-    return ReleasedStrategy(finder, method=settings.method, cycles=settings.cycles)
-
-
-def _ignore_progress(count: int) -> None:
-    """No progress is shown."""
+        at_random = settings.random_actions
+        return RivalStrategy(evaluator, space, random_actions=at_random)
+    return ReleasedStrategy(PaperSearch(evaluator), settings.method, settings.cycles)
 
 
 def identify_body(
@@ -310,7 +308,7 @@ def identify_body(
     settings: Settings,
     *,
     run: Run | None = None,
-    progress: Progress = _ignore_progress,
+    progress: Progress | None = None,
 ) -> Iterator[Run]:
     """Find out what a robot's body is, a yield a cycle; the last one has the result.
 
@@ -339,11 +337,11 @@ def identify_body(
     for last in searched:
         run = loop.confirm_cycle(run, last)
         yield run
-    yield replace(run, **_finish_run(loop, run))
+    yield _finish_run(loop, run)
 
 
-def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
-    """Check the best body on the reference engine: what is new in the run."""
+def _finish_run(loop: _IdentifyLoop, run: Run) -> Run:
+    """The run and its result: its best body is checked on the reference engine."""
     settings, robot = run.settings, loop.robot
     last = run.cycles[-1]
     if settings.method == "default":
@@ -358,10 +356,8 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
     gap = np.abs(seen[tried] - loop.evidence.measured)
     gap = loop.channels.weigh_shown(gap).sum(axis=1)
     gap = gap[np.isfinite(gap)]
-    space = find_space(settings.space, ordered=robot.anatomy.ordered)
-    alike = keep_others(
-        space, loop.strategy.list_indistinguishable(last.tables[0]), last.genomes[:1]
-    )
+    alike = loop.strategy.list_indistinguishable(last.tables[0])
+    alike = keep_others(loop.space, alike, last.genomes[:1])
     result = {
         "format": "selfheal-identify",
         "version": 1,
@@ -375,8 +371,13 @@ def _finish_run(loop: _IdentifyLoop, run: Run) -> dict[str, Any]:
         "actions": [_format_action(robot.actions, a) for a in tried],
         "simulations": counts,
     }
-    return {"cycles": (*run.cycles[:-1], last), "counts": counts, "result": result,
-            "indistinguishable": alike.parent}  # fmt: skip
+    return replace(
+        run,
+        cycles=(*run.cycles[:-1], last),
+        counts=counts,
+        result=result,
+        indistinguishable=alike.parent,
+    )
 
 
 def _format_action(actions: Floats, action: int) -> list[int] | list[float]:

@@ -12,7 +12,8 @@ from functools import cache
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.genome import Genomes, concatenate_genomes
+from ..body.genome import Genomes, build_bodies, concatenate_genomes
+from ..engine.arrays import plan_race
 from .evaluate import Evidence
 from .rivals import RivalSet
 from .search import RivalSearch
@@ -172,14 +173,13 @@ class Neighborhood:
         """Losses of the distinct twins of every body; infinite where not known."""
         if evidence is not self._scored:
             self._scored, self._losses = evidence, {}
-        tried, felt = np.asarray(evidence.tried), evidence.measured
-        loss = self.evaluator.loss
         for row, (family, distinct) in enumerate(
             zip(self._family, self._distinct, strict=True)
         ):
             if family not in self._losses:
                 parent, table = self.bodies.genomes.parent[row], self.bodies.tables[row]
-                each = self.twins.compute_losses(parent, table, tried, felt, loss)
+                loss = self.evaluator.loss
+                each = self.twins.compute_losses(parent, table, evidence, loss)
                 self._losses[family] = each.ravel()[distinct]
         return [self._losses[family] for family in self._family]
 
@@ -193,8 +193,7 @@ class Neighborhood:
         costs = best + self._compute_prior_costs()
         order = np.argsort(costs, kind="stable")[:_MOST_KEPT]
         order = order[costs[order] <= costs.min() + 1.5 * _WINDOW]
-        self.bodies.losses = best
-        self.bodies.keep_rows(order)
+        self.bodies = replace(self.bodies, losses=best)[order]
         self._family = [self._family[k] for k in order]
         self._distinct = [self._distinct[k] for k in order]
         return [losses[k] for k in order]
@@ -210,12 +209,10 @@ class Neighborhood:
             around.append(list_neighbors(self.finder.space, twin))
         genomes = concatenate_genomes(*around)
         prior = self.finder.compute_prior(genomes)
-        total, _ = self.evaluator.compute_losses(
-            genomes,
-            evidence,
-            bound=best + _LOSS_MARGIN - prior,
-            order=self.evaluator.order_by_hardness(evidence),
-        )
+        bodies = build_bodies(self.evaluator.anatomy, genomes)
+        bound = (best + _LOSS_MARGIN - prior)[:, None]
+        race = plan_race(len(bodies), self.evaluator.order_by_hardness(evidence), bound)
+        total, _ = self.evaluator.compute_losses(bodies, evidence, race)
         order = np.argsort(np.round(total + prior), kind="stable")
         return genomes[order[np.isfinite(total[order])]]
 

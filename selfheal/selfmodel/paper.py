@@ -10,38 +10,22 @@ import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate_bodies
 from ..body.genome import Genomes, build_bodies, decode_unit_genes
+from ..engine.arrays import plan_race
 from .evaluate import Evaluator, Evidence
 
 CLIMBERS, GENERATIONS, VOTING_CLIMBERS = 15, 200, 5
 CEILING = 408_000  # 15 x 200 x (1 + 2 + ... + 16) simulations
 
 
-@dataclass(frozen=True)
-class ReleasedQuirks:
-    """What the released program does and its paper does not say.
+def mutate_genes(genes: Floats, rng: np.random.Generator) -> Floats:
+    """Genes after one mutation of the program of 2006, (P) in [0, 1] as before it.
 
-    Attributes:
-        idle_copies: half of the mutations copy a part into a column that is not read.
-        pair: the second gene of a pair move starts from the first one's value.
-    """
-
-    idle_copies: bool = True
-    pair: bool = True
-
-
-def mutate_genes(
-    genes: Floats, slips: ReleasedQuirks, rng: np.random.Generator
-) -> Floats:
-    """Genes after one mutation of the rule of 2006.
-
-    Args:
-        genes: (P) in [0, 1].
-
-    Returns:
-        (P) genes in [0, 1].
+    Two things it does that its paper does not say: half of the mutations copy a part
+    into a column that is not read, and the second gene of a pair move starts from the
+    first one's value.
     """
     genes = genes.copy()
-    if slips.idle_copies and rng.random() < 0.5:
+    if rng.random() < 0.5:
         return genes
     k = int(rng.integers(len(genes)))
     step = np.exp(rng.uniform(-5, 0)) * rng.choice([-1.0, 1.0])
@@ -49,7 +33,7 @@ def mutate_genes(
         genes[k] = (genes[k] * (1 + step)) % 1.0
     elif rng.random() < 0.67:
         other = (k + rng.integers(1, len(genes))) % len(genes)
-        start = genes[k] if slips.pair else genes[other]
+        start = genes[k]
         genes[k] = (genes[k] + step) % 1.0
         genes[other] = np.clip(start - step, 0.0, 1.0)
     else:
@@ -77,8 +61,8 @@ class Climbers(ABC):
         self.losses = np.zeros(0)
 
     @abstractmethod
-    def build_bodies(self, genes: Floats) -> Bodies:
-        """(N) the bodies that genes (N, P) stand for."""
+    def decode_genes(self, genes: Floats) -> Genomes:
+        """(N) the trees that genes (N, P) stand for."""
 
     @abstractmethod
     def draw_first(self, rng: np.random.Generator) -> Floats:
@@ -88,9 +72,18 @@ class Climbers(ABC):
     def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
         """(P) genes near those of a parent (P)."""
 
-    @abstractmethod
-    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
-        """(N) the bodies with every placement multiplied by U(0.9, 1.1)."""
+    def build_bodies(self, genomes: Genomes, genes: Floats) -> Bodies:
+        """(N) bodies of trees, of which genes (N, P) may say more."""
+        return build_bodies(self.evaluator.anatomy, genomes)
+
+    def _compute_losses(
+        self, genes: Floats, evidence: Evidence, most: Floats
+    ) -> Floats:
+        """Losses of genes (N, P), infinite from a bound (N) on; newest action first."""
+        bodies = self.build_bodies(self.decode_genes(genes), genes)
+        order = np.arange(len(evidence))[::-1]
+        race = plan_race(len(genes), order, most[:, None])
+        return self.evaluator.compute_losses(bodies, evidence, race)[0]
 
     def climb(
         self, evidence: Evidence, generations: int, rng: np.random.Generator
@@ -98,24 +91,16 @@ class Climbers(ABC):
         """Climb for some generations, the newest action first."""
         if not len(self.genes):
             self.genes = self.draw_first(rng)
-        order = np.arange(len(evidence))[::-1]
         never = np.full(len(self.genes), np.inf)
-        self.losses, _ = self.evaluator.compute_body_losses(
-            self.build_bodies(self.genes), evidence, bound=never, order=order
-        )
+        self.losses = self._compute_losses(self.genes, evidence, never)
         for _ in range(generations):
             children = np.array([self.draw_child(row, rng) for row in self.genes])
-            losses, _ = self.evaluator.compute_body_losses(
-                self.build_bodies(children), evidence, bound=self.losses, order=order
-            )
+            losses = self._compute_losses(children, evidence, self.losses)
             better = losses < self.losses
             self.genes = np.where(better[:, None], children, self.genes)
             self.losses = np.where(better, losses, self.losses)
-            self._sort_climbers()
-
-    def _sort_climbers(self) -> None:
-        order = np.argsort(self.losses, kind="stable")
-        self.genes, self.losses = self.genes[order], self.losses[order]
+            order = np.argsort(self.losses, kind="stable")
+            self.genes, self.losses = self.genes[order], self.losses[order]
 
     def score_actions(
         self, weight: float, rng: np.random.Generator
@@ -130,22 +115,19 @@ class Climbers(ABC):
             (A) (1 - w) V - w S, so that the highest is chosen, and the tables
             (5, A, 3) of the best models.
         """
-        best = self.genes[:VOTING_CLIMBERS]
-        both = concatenate_bodies(
-            self.build_bodies(best), self.perturb_bodies(best, rng)
-        )
+        genes = self.genes[:VOTING_CLIMBERS]
+        best = self.decode_genes(genes)
+        both = [
+            self.build_bodies(g, genes) for g in (best, perturb_placements(best, rng))
+        ]
         with self.evaluator.count_as_choice():
-            table = self.evaluator.compute_body_table(both)
-        tables, moved = (
-            np.nan_to_num(table[:VOTING_CLIMBERS]),
-            np.nan_to_num(table[VOTING_CLIMBERS:]),
-        )
+            table = self.evaluator.compute_body_table(concatenate_bodies(*both))
+        tables, moved = np.split(np.nan_to_num(table), 2)
         scale = np.array([1, 1, 0.01])  # clearance in units of 10 cm, as in the loss
         sensitivity = (np.abs(tables - moved) * scale).sum(axis=(0, 2))
         disagreement = (tables.std(axis=0) * scale).sum(axis=1)
-        return (1 - weight) * disagreement - weight * sensitivity, table[
-            :VOTING_CLIMBERS
-        ]
+        score = (1 - weight) * disagreement - weight * sensitivity
+        return score, table[: len(genes)]
 
 
 def perturb_placements(genomes: Genomes, rng: np.random.Generator) -> Genomes:
@@ -154,25 +136,17 @@ def perturb_placements(genomes: Genomes, rng: np.random.Generator) -> Genomes:
     return replace(genomes, placement=moved % 1.0)
 
 
-@dataclass
 class PaperSearch(Climbers):
-    """Before damage: genes in [0, 1] are an attachment tree.
-
-    Attributes:
-        quirks: of the released program.
-    """
-
-    quirks: ReleasedQuirks = field(default_factory=ReleasedQuirks)
+    """Before damage: genes in [0, 1] are an attachment tree."""
 
     @property
     def genomes(self) -> Genomes:
         """(15) the models."""
-        return decode_unit_genes(self.evaluator.anatomy, self.genes)
+        return self.decode_genes(self.genes)
 
-    def build_bodies(self, genes: Floats) -> Bodies:
+    def decode_genes(self, genes: Floats) -> Genomes:
         """Trees of genes (N, P)."""
-        anatomy = self.evaluator.anatomy
-        return build_bodies(anatomy, decode_unit_genes(anatomy, genes))
+        return decode_unit_genes(self.evaluator.anatomy, genes)
 
     def draw_first(self, rng: np.random.Generator) -> Floats:
         """Random trees: genes (CLIMBERS, P)."""
@@ -181,12 +155,5 @@ class PaperSearch(Climbers):
     def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
         """Genes (P) after one to four mutations."""
         for _ in range(rng.integers(1, 5)):
-            genes = mutate_genes(genes, self.quirks, rng)
+            genes = mutate_genes(genes, rng)
         return genes
-
-    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
-        """Trees of genes (N, P), with other placements."""
-        anatomy = self.evaluator.anatomy
-        return build_bodies(
-            anatomy, perturb_placements(decode_unit_genes(anatomy, genes), rng)
-        )

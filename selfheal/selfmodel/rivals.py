@@ -10,7 +10,7 @@ from ..engine.channels import list_channels
 from .evaluate import Evaluator
 
 
-@dataclass
+@dataclass(frozen=True)
 class RivalSet:
     """Rivals: peaks of different structure, best first.
 
@@ -37,13 +37,12 @@ class RivalSet:
     def __len__(self) -> int:
         return len(self.losses)
 
-    def keep_rows(self, rows: Ints) -> None:
-        """Keep these rows (N), in this order."""
-        self.genomes, self.tables = self.genomes[rows], self.tables[rows]
-        self.losses = self.losses[rows]
+    def __getitem__(self, rows: Ints) -> "RivalSet":
+        """These rivals, in this order."""
+        return RivalSet(self.genomes[rows], self.tables[rows], self.losses[rows])
 
-    def add_rival(self, genome: Genomes, table: Floats, loss: float) -> None:
-        """Take in a peak; of two equal structures the better one stays.
+    def add_rival(self, genome: Genomes, table: Floats, loss: float) -> "RivalSet":
+        """These and a peak; of two equal structures the better one stays.
 
         Args:
             genome: (1) of the peak.
@@ -51,16 +50,17 @@ class RivalSet:
         """
         twin = np.flatnonzero(_has_same_structure(self.genomes, genome))
         if len(twin) and self.losses[twin[0]] <= loss:
-            return
-        keep = np.setdiff1d(np.arange(len(self)), twin)
-        self.keep_rows(keep)
-        self.genomes = concatenate_genomes(self.genomes, genome)
-        self.tables = np.concatenate([self.tables, table[None]])
-        self.losses = np.append(self.losses, loss)
+            return self
+        kept = self[np.setdiff1d(np.arange(len(self)), twin)]
+        return RivalSet(
+            concatenate_genomes(kept.genomes, genome),
+            np.concatenate([kept.tables, table[None]]),
+            np.append(kept.losses, loss),
+        )
 
-    def keep_best(self, size: int, prior: Floats) -> None:
-        """Sort by loss and prior (K), and keep the best `size`."""
-        self.keep_rows(np.argsort(self.losses + prior, kind="stable")[:size])
+    def keep_best(self, size: int, prior: Floats) -> "RivalSet":
+        """The best `size` by loss and prior (K), in this order."""
+        return self[np.argsort(self.losses + prior, kind="stable")[:size]]
 
 
 def _has_same_structure(genomes: Genomes, one: Genomes) -> np.ndarray:

@@ -7,7 +7,7 @@ JSON; groups `anatomy`, `truth` (if the robot knows it), `cycles/<k>`, `state`.
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,10 @@ from ..notebook import Columns, format_columns, make_frame, open_axes
 from ..printable import make_printable
 
 if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+    from h5py import Group
     from matplotlib.axes import Axes
+    from pandas import DataFrame
 
 FORMAT, VERSION = "selfheal-run", 3
 
@@ -121,7 +124,7 @@ class Run:
     cycles: tuple[Cycle, ...] = ()
     truth: Bodies | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
-    state: Mapping[str, Any] = field(default_factory=dict)
+    state: Mapping[str, np.ndarray | str] = field(default_factory=dict)
     result: Mapping[str, Any] = field(default_factory=dict)
     indistinguishable: Ints = field(default_factory=lambda: np.empty((0, 0), np.int64))
 
@@ -129,18 +132,12 @@ class Run:
     def indistinguishable_trees(self) -> int:
         """How many trees other than the best one `indistinguishable` has."""
         best = self.cycles[-1].genomes.parent[0]
-        other = (
-            self.indistinguishable[(self.indistinguishable != best).any(axis=1)]
-            if len(self.indistinguishable)
-            else ()
-        )
-        return len(np.unique(other, axis=0))
+        if not len(self.indistinguishable):
+            return 0
+        other = (self.indistinguishable != best).any(axis=1)
+        return len(np.unique(self.indistinguishable[other], axis=0))
 
-    def with_cycle(self, cycle: Cycle, **changes: Any) -> "Run":
-        """This run and one more cycle."""
-        return replace(self, cycles=(*self.cycles, cycle), **changes)
-
-    def to_dataframe(self) -> Any:
+    def to_dataframe(self) -> "DataFrame":
         """The best body as a data frame of pandas, a row for each part.
 
         Raises:
@@ -203,17 +200,17 @@ def save_run(run: Run, path: str | os.PathLike[str]) -> None:
         file["actions"], file["alike"] = run.actions, run.indistinguishable
         _write_dataclass(file.create_group("anatomy"), run.anatomy)
         if run.truth is not None:
-            _write_dataclass(file.create_group("truth"), run.truth, skip=("anatomy",))
+            _write_dataclass(file.create_group("truth"), run.truth, "anatomy")
         for k, cycle in enumerate(run.cycles):
             group = file.create_group(f"cycles/{k:03d}")
-            _write_dataclass(group, cycle, skip=("genomes",))
+            _write_dataclass(group, cycle, "genomes")
             _write_dataclass(group.create_group("genomes"), cycle.genomes)
         state = file.create_group("state")
         for name, value in run.state.items():
             state[name] = value
 
 
-def _write_dataclass(group: Any, data: Any, skip: tuple[str, ...] = ()) -> None:
+def _write_dataclass(group: "Group", data: "DataclassInstance", *skip: str) -> None:
     """A dataclass of arrays, numbers and texts as a group."""
     for f in fields(data):
         if f.name not in skip:

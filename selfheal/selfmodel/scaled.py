@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Bodies, Floats, scale_parts
-from ..body.genome import Genomes, build_bodies
+from ..body.genome import Genomes
 from ..engine import make_engine
 from ..robot.base import Robot
 from ..robot.rest_readings import read_rest_channels
 from .evaluate import PAPER_LOSS, Evaluator, Evidence
-from .paper import CLIMBERS, Climbers, perturb_placements
+from .paper import CEILING, CLIMBERS, Climbers
 from .strategy import ReleasedRule
 
 SCALES = (0.1, 2.0)
@@ -30,9 +30,13 @@ class ScaleSearch(Climbers):
 
     known: Genomes = field(kw_only=True)
 
-    def build_bodies(self, genes: Floats) -> Bodies:
-        """The known body with its parts scaled by factors (N, P)."""
-        return self._scale_bodies(self._copy_known(len(genes)), genes)
+    def decode_genes(self, genes: Floats) -> Genomes:
+        """The known tree, as often as there are genes (N, P)."""
+        return self.known[np.zeros(len(genes), np.int64)]
+
+    def build_bodies(self, genomes: Genomes, genes: Floats) -> Bodies:
+        """Bodies with their parts scaled by factors (N, P)."""
+        return scale_parts(super().build_bodies(genomes, genes), genes)
 
     def draw_first(self, rng: np.random.Generator) -> Floats:
         """Factors (CLIMBERS, P) of one: the known body."""
@@ -50,18 +54,6 @@ class ScaleSearch(Climbers):
         else:
             genes[k] = rng.uniform(*SCALES)
         return np.clip(genes, *SCALES)
-
-    def perturb_bodies(self, genes: Floats, rng: np.random.Generator) -> Bodies:
-        """The known body with parts scaled by factors (N, P), at other places."""
-        return self._scale_bodies(
-            perturb_placements(self._copy_known(len(genes)), rng), genes
-        )
-
-    def _copy_known(self, count: int) -> Genomes:
-        return self.known[np.zeros(count, np.int64)]
-
-    def _scale_bodies(self, genomes: Genomes, genes: Floats) -> Bodies:
-        return scale_parts(build_bodies(self.evaluator.anatomy, genomes), genes)
 
 
 @dataclass(frozen=True)
@@ -99,7 +91,7 @@ def estimate_scales(
         action, _ = rule.choose_action(evidence, rng)
         felt = read_rest_channels(robot.act(action), robot.anatomy)
         evidence = evidence.add(action, felt)
-        rule.search_bodies(evidence, rng)
+        rule.search_bodies(evidence, CEILING, rng)
         best = finder.genes[int(np.argmin(finder.losses))]
         yield ScaleEstimate(
             action, best.copy(), evaluator.spent, evaluator.spent_choosing

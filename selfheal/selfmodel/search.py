@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.genome import Genomes, center_on_sides, concatenate_genomes
+from ..body.genome import Genomes, build_bodies, center_on_sides, concatenate_genomes
+from ..engine.arrays import Race, plan_race
 from ..engine.channels import OTHER_REST
 from ..errors import EngineError
 from .evaluate import Evaluator, Evidence
@@ -184,9 +185,8 @@ class RivalSearch:
             self._step_climbers(active, evidence, rng)
             if self.evaluator.failed >= max(_MOST_DIVERGED, self.evaluator.spent):
                 raise EngineError(f"all of {self.evaluator.spent} simulations diverged")
-            for climber in [
-                c for c in active if c.is_stuck and not self._switch_changes(c)
-            ]:
+            stuck = [c for c in active if c.is_stuck and not self._switch_changes(c)]
+            for climber in stuck:
                 active.remove(climber)
                 best = self._find_best_tree()
                 again = self._add_peak(climber, evidence)
@@ -203,7 +203,8 @@ class RivalSearch:
 
     def keep_best(self, size: int) -> None:
         """Keep the best rivals, `size` of them."""
-        self.rivals.keep_best(size, self.compute_prior(self.rivals.genomes))
+        prior = self.compute_prior(self.rivals.genomes)
+        self.rivals = self.rivals.keep_best(size, prior)
 
     def _find_best_tree(self) -> bytes:
         """A name of the best rival's tree."""
@@ -241,7 +242,7 @@ class RivalSearch:
         """Score the rivals on the evidence, each as its best twin; all climb again."""
         old, self.rivals = self.rivals, RivalSet.empty(self.evaluator)
         for row in range(len(old)):
-            self.rivals.add_rival(
+            self.rivals = self.rivals.add_rival(
                 *self._find_best_twin(old.genomes[[row]], old.tables[row], evidence)
             )
         self.keep_best(self.size)
@@ -254,13 +255,8 @@ class RivalSearch:
         self, genome: Genomes, table: Floats, evidence: Evidence
     ) -> tuple[Genomes, Floats, float]:
         """The twin that explains the evidence best: genome, table, loss."""
-        losses = self.twins.compute_losses(
-            genome.parent[0],
-            table,
-            np.asarray(evidence.tried),
-            evidence.measured,
-            self.evaluator.loss,
-        )
+        loss = self.evaluator.loss
+        losses = self.twins.compute_losses(genome.parent[0], table, evidence, loss)
         turn, trade = np.unravel_index(int(np.argmin(losses)), losses.shape)
         if losses[turn, trade] > losses[0, 0] - 1e-6:
             return genome, table, float(losses[0, 0])
@@ -300,20 +296,14 @@ class RivalSearch:
         genomes = concatenate_genomes(
             alike, center_on_sides(draw_space_genomes(anatomy, self.space, half, rng))
         )[rng.permutation(2 * half)]
-        best, loss, parts = 0, np.inf, None
-        for rows in (
-            slice(0, _RANDOM_STARTS // 8),
-            slice(_RANDOM_STARTS // 8, len(genomes)),
-        ):
-            total, each = self.evaluator.compute_losses(
-                genomes[rows],
-                evidence,
-                bound=np.full(len(genomes[rows]), loss),
-                order=self.evaluator.order_by_hardness(evidence),
-            )
+        bodies, best, loss, parts = build_bodies(anatomy, genomes), 0, np.inf, None
+        for rows in np.split(np.arange(len(genomes)), [_RANDOM_STARTS // 8]):
+            order = self.evaluator.order_by_hardness(evidence)
+            race = plan_race(len(rows), order, loss)
+            total, each = self.evaluator.compute_losses(bodies[rows], evidence, race)
             if total.min() < loss:
                 row = int(np.argmin(total))
-                best, loss, parts = rows.start + row, float(total[row]), each[row]
+                best, loss, parts = int(rows[row]), float(total[row]), each[row]
         return _Climber(genomes[[best]], loss, parts)
 
     def _step_climbers(
@@ -322,13 +312,12 @@ class RivalSearch:
         """Each climber tries a few changes and takes the best that gains enough."""
         batches = [c.propose_changes(self.space, self.children, rng) for c in active]
         sizes = [len(b) for b in batches]
-        routes = zip(*(c.plan_race(len(evidence)) for c in active), strict=True)
-        order, bound = (np.repeat(rows, sizes, axis=0) for rows in routes)
-        rest = np.repeat([c.other_rest for c in active], sizes)
+        plans = [(*c.plan_race(len(evidence)), c.other_rest) for c in active]
+        columns = zip(*plans, strict=True)
+        race = Race(*(np.repeat(rows, sizes, axis=0) for rows in columns))
         genomes = concatenate_genomes(*batches)
-        total, each = self.evaluator.compute_losses(
-            genomes, evidence, bound=bound, order=order, other_rest=rest
-        )
+        bodies = build_bodies(self.evaluator.anatomy, genomes)
+        total, each = self.evaluator.compute_losses(bodies, evidence, race)
         edges = np.cumsum([0, *sizes])
         for climber, low, high in zip(active, edges[:-1], edges[1:], strict=True):
             best = low + int(np.argmin(total[low:high])) if high > low else low
@@ -345,7 +334,7 @@ class RivalSearch:
             return None
         table = self.evaluator.compute_table(climber.genome)[0]
         genome, table, loss = self._find_best_twin(climber.genome, table, evidence)
-        self.rivals.add_rival(genome, table, loss)
+        self.rivals = self.rivals.add_rival(genome, table, loss)
         self.keep_best(self.size)
         if genome is climber.genome:
             return None

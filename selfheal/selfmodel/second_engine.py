@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..body.body import Bodies, Floats
 from ..body.genome import Genomes, build_bodies
+from ..engine.mjx import Mjx
 from ..engine.readings import Readings
 from .evaluate import Evaluator, Evidence
 from .space import make_genome_key
@@ -44,12 +44,11 @@ class SecondEngine:
     """Predicts in a thread of its own; every prediction is made once.
 
     Attributes:
-        engine: it has `prepare` and `compile` besides `simulate`.
         known: channels (C) by key, of questions that were answered.
         spent: simulations for these.
     """
 
-    def __init__(self, engine: Any, evaluator: Evaluator) -> None:
+    def __init__(self, engine: Mjx, evaluator: Evaluator) -> None:
         """The engine starts while the first searches run."""
         self.engine, self.evaluator = engine, evaluator
         self.known: dict[bytes, Floats] = {}
@@ -121,7 +120,7 @@ class SecondEngine:
                 for x in (first, second)]  # fmt: skip
         return np.minimum(*pair).sum(axis=1)
 
-    def capture_state(self) -> dict[str, Any]:
+    def capture_state(self) -> dict[str, np.ndarray]:
         """What `restore_state` needs."""
         keys = np.frombuffer(b"".join(self.known), np.uint8)
         return {
@@ -129,7 +128,7 @@ class SecondEngine:
             "judge_values": np.array(list(self.known.values())),
         }
 
-    def restore_state(self, state: Mapping[str, Any], spent: int) -> None:
+    def restore_state(self, state: Mapping[str, np.ndarray], spent: int) -> None:
         """Know again what was answered, by so many simulations."""
         self.spent = spent
         rows = zip(state["judge_keys"], state["judge_values"], strict=True)

@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes
-from ..engine.channels import list_channels
-from .evaluate import PAPER_LOSS, Evaluator, Evidence, Loss, make_capped_loss
+from .evaluate import Evaluator, Evidence
 from .explore import (
     DISAGREEMENT_TEMPERATURE,
     choose_action,
@@ -25,7 +24,7 @@ from .neighborhood import Hypotheses, Neighborhood
 from .paper import CEILING, GENERATIONS, VOTING_CLIMBERS, Climbers, PaperSearch
 from .rivals import RivalSet
 from .search import RivalSearch
-from .space import find_space
+from .space import BodySpace
 from .symmetry import SymmetryGroup
 
 METHODS = {
@@ -41,10 +40,11 @@ BUDGETS = {name: CEILING for name in METHODS} | {"default": 262_000}
 _UNKNOWN_SHARE, _SEEDED = 0.05, 8
 
 
+Arrays = Mapping[str, np.ndarray]
+
+
 class Strategy(Protocol):
     """What the loop asks of a method."""
-
-    loss: Loss
 
     def choose_action(
         self, evidence: Evidence, rng: np.random.Generator
@@ -62,8 +62,8 @@ class Strategy(Protocol):
         """
         ...
 
-    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """Genomes (K), tables (K, A, C) and losses (K), best first."""
+    def list_rivals(self) -> RivalSet:
+        """Rivals, best first; tables are NaN where the method keeps none."""
         ...
 
     def list_candidates(self) -> tuple[Ints, Floats]:
@@ -82,31 +82,29 @@ class Strategy(Protocol):
         """(N) what a prior adds to the losses of bodies; rivals are ranked by both."""
         ...
 
-    def capture_state(self) -> dict[str, Any]:
+    def capture_state(self) -> Arrays:
         """Arrays from which `restore_state` goes on."""
         ...
 
-    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
-        """Go on from a state, and what was felt until then."""
+    def restore_state(self, state: Arrays, evidence: Evidence) -> None:
+        """Go on from a state, and what was measured until then."""
         ...
 
 
 class RivalStrategy:
     """Our method; see `search` and `explore`."""
 
-    def __init__(self, evaluator: Evaluator, *, space: str, known_lengths: bool,
-                 random_actions: bool) -> None:  # fmt: skip
+    def __init__(
+        self, evaluator: Evaluator, space: BodySpace, *, random_actions: bool
+    ) -> None:
         """`random_actions` leaves the choice to chance, for comparison."""
-        self.loss, self.evaluator = make_capped_loss(evaluator.anatomy), evaluator
-        anatomy = evaluator.anatomy
-        where = find_space(space, known_lengths=known_lengths, ordered=anatomy.ordered)
         twins = SymmetryGroup.from_actions(
-            anatomy, evaluator.actions, hinges_known=not where.hinges
+            evaluator.anatomy, evaluator.actions, hinges_known=not space.hinges
         )
-        self.finder = RivalSearch(where, evaluator, twins)
+        self.evaluator, self.random_actions = evaluator, random_actions
+        self.finder = RivalSearch(space, evaluator, twins)
         self.neighborhood = Neighborhood(self.finder)
         self.found: Hypotheses | None = None  # on the evidence so far
-        self.random_actions = random_actions
 
     def choose_action(
         self, evidence: Evidence, rng: np.random.Generator
@@ -122,7 +120,7 @@ class RivalStrategy:
         some, belief = draw_voters(self.found, rng)
         # a part of the vote is the same for all: those known are not all there are
         belief = (1 - _UNKNOWN_SHARE) * belief + _UNKNOWN_SHARE / len(belief)
-        weight = self.loss.weight
+        weight = self.evaluator.loss.weight
         tree, body = predict_belief(some.tables, some.genomes.parent, belief, weight)
         action = choose_action(score_actions(tree, body, belief), evidence.tried)
         return action, (
@@ -141,24 +139,19 @@ class RivalStrategy:
         self.finder.search(evidence, limit, rng)
         self.neighborhood.update(self.finder.rivals, evidence)
         self.found = self.neighborhood.list_hypotheses(evidence)
-        self._seed_search()
-
-    def _seed_search(self) -> None:
-        """Let the search go on from the best hypotheses too."""
-        assert self.found is not None
+        # the search goes on from the best hypotheses too
         best = self.found[np.arange(min(_SEEDED, len(self.found)))]
         genomes, tables, crowd = best.genomes, best.tables, self.finder.rivals
         for k, loss in enumerate(best.losses):
-            crowd.add_rival(genomes[[k]], tables[k], float(loss))
+            crowd = crowd.add_rival(genomes[[k]], tables[k], float(loss))
+        self.finder.rivals = crowd
         self.finder.keep_best(self.finder.size + _SEEDED)
 
-    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The rivals by loss and prior: genomes, tables (K, A, C) and losses (K)."""
+    def list_rivals(self) -> RivalSet:
+        """The rivals by loss and prior."""
         crowd = self.finder.rivals
-        order = np.argsort(
-            crowd.losses + self.compute_prior(crowd.genomes), kind="stable"
-        )
-        return crowd.genomes[order], crowd.tables[order], crowd.losses[order]
+        costs = crowd.losses + self.compute_prior(crowd.genomes)
+        return crowd[np.argsort(costs, kind="stable")]
 
     def list_candidates(self) -> tuple[Ints, Floats]:
         """Parents (N, P) and belief (N) of rivals, their neighbors and all twins."""
@@ -179,24 +172,23 @@ class RivalStrategy:
     def list_indistinguishable(self, table: Floats) -> Genomes:
         """Hypotheses that no action tells from the body of a table (A, C)."""
         assert self.found is not None
-        return find_indistinguishable(self.found, table, self.loss.weight).genomes
+        weight = self.evaluator.loss.weight
+        return find_indistinguishable(self.found, table, weight).genomes
 
     def compute_prior(self, genomes: Genomes) -> Floats:
         """Cost (N) of each body by its code length: few rules are likelier."""
         return self.finder.compute_prior(genomes)
 
-    def capture_state(self) -> dict[str, Any]:
+    def capture_state(self) -> Arrays:
         """The arrays of the crowd and of its kin, and the climbs in vain."""
-        return (
-            {"vain": self.finder.vain}
-            | _to_arrays(self.finder.rivals)
-            | {
-                f"kin_{name}": value
-                for name, value in _to_arrays(self.neighborhood.bodies).items()
-            }
-        )
+        kin = _to_arrays(self.neighborhood.bodies)
+        return {
+            "vain": np.array(self.finder.vain),
+            **_to_arrays(self.finder.rivals),
+            **{f"kin_{name}": value for name, value in kin.items()},
+        }
 
-    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+    def restore_state(self, state: Arrays, evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.rivals = _from_arrays(state, "")
         self.finder.vain = int(state["vain"])
@@ -205,15 +197,18 @@ class RivalStrategy:
         self.found = self.neighborhood.list_hypotheses(evidence)
 
 
-def _to_arrays(crowd: RivalSet) -> dict[str, Floats | Ints]:
+_GENES = [f.name for f in fields(Genomes)]
+
+
+def _to_arrays(crowd: RivalSet) -> Arrays:
     """The arrays of a crowd by name."""
-    genes = {f.name: getattr(crowd.genomes, f.name) for f in fields(Genomes)}
-    return genes | {name: getattr(crowd, name) for name in ("tables", "losses")}
+    genes = {name: getattr(crowd.genomes, name) for name in _GENES}
+    return genes | {"tables": crowd.tables, "losses": crowd.losses}
 
 
-def _from_arrays(state: Mapping[str, Any], prefix: str) -> RivalSet:
+def _from_arrays(state: Arrays, prefix: str) -> RivalSet:
     """The crowd whose arrays stand under a prefix."""
-    genomes = Genomes(*(state[prefix + f.name] for f in fields(Genomes)))
+    genomes = Genomes(*(state[prefix + name] for name in _GENES))
     return RivalSet(genomes, state[prefix + "tables"], state[prefix + "losses"])
 
 
@@ -225,7 +220,7 @@ class ReleasedRule:
         finder: the climbers.
         method: any of `METHODS` but "default".
         cycles: actions in all.
-        weight: of the score at the next choice but one; see `Climbers.score`.
+        weight: of the score at the next choice but one; see `Climbers.score_actions`.
     """
 
     finder: Climbers
@@ -240,66 +235,41 @@ class ReleasedRule:
         if self.method.startswith("random") or not len(evidence):
             count = len(self.finder.evaluator.actions)
             return choose_random_action(count, evidence.tried, rng), "random"
-        if self.method == "disagreement":
-            score, _ = self.finder.score_actions(0.0, rng)
-            action = choose_action(score, evidence.tried)
-            return (
-                action,
-                f"disagreement of the {VOTING_CLIMBERS} best: {score[action]:.1f}",
-            )
-        self.weight /= 1.5
-        score, _ = self.finder.score_actions(self.weight, rng)
+        why, weight = f"disagreement of the {VOTING_CLIMBERS} best", 0.0
+        if self.method != "disagreement":
+            self.weight /= 1.5
+            why, weight = f"{why} less its unreliability", self.weight
+        score, _ = self.finder.score_actions(weight, rng)
         action = choose_action(score, evidence.tried)
-        return action, (
-            f"disagreement of the {VOTING_CLIMBERS} best less its unreliability: "
-            f"{score[action]:.1f} degrees"
-        )
-
-    def search_bodies(self, evidence: Evidence, rng: np.random.Generator) -> None:
-        """200 generations; in the batch, all of them after the last action."""
-        if self.method != "random-batch":
-            self.finder.climb(evidence, GENERATIONS, rng)
-        elif len(evidence) == self.cycles:
-            # as many simulations as 200 generations after each action, at most
-            self.finder.climb(evidence, GENERATIONS * (self.cycles + 1) // 2, rng)
-        else:
-            self.finder.climb(evidence, 0, rng)
-
-
-class ReleasedStrategy:
-    """The 2006 rule, with plain disagreement, and its two random baselines."""
-
-    def __init__(self, finder: PaperSearch, *, method: str, cycles: int) -> None:
-        """`method` is any of `METHODS` but "default"."""
-        self.loss, self.finder = PAPER_LOSS, finder
-        self.rule = ReleasedRule(finder, method, cycles)
-
-    def choose_action(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> tuple[int, str]:
-        """By the rule."""
-        return self.rule.choose_action(evidence, rng)
+        return action, f"{why}: {score[action]:.1f} degrees"
 
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """Search by the rule of 2006, whatever the limit.
+        """200 generations, whatever the limit; in the batch after the last action.
 
         Args:
             limit: not heeded.
         """
-        self.rule.search_bodies(evidence, rng)
+        generations = GENERATIONS
+        if self.method == "random-batch":
+            # as many simulations as 200 generations after each action, at most
+            last = len(evidence) == self.cycles
+            generations = GENERATIONS * (self.cycles + 1) // 2 if last else 0
+        self.finder.climb(evidence, generations, rng)
 
-    def list_rivals(self) -> tuple[Genomes, Floats, Floats]:
-        """The climbers: genomes, tables (K, A, C) and losses (K).
 
-        The rule keeps no tables, so these are NaN.
-        """
-        genomes = self.finder.genomes
-        evaluator = self.finder.evaluator
-        channels = len(list_channels(evaluator.anatomy))
-        shape = (len(genomes), len(evaluator.actions), channels)
-        return genomes, np.full(shape, np.nan), self.finder.losses
+class ReleasedStrategy(ReleasedRule):
+    """The 2006 rule, with plain disagreement, and its two random baselines."""
+
+    finder: PaperSearch
+
+    def list_rivals(self) -> RivalSet:
+        """The climbers, whose tables are NaN: the rule keeps none."""
+        genomes, evaluator = self.finder.genomes, self.finder.evaluator
+        nothing = RivalSet.empty(evaluator).tables
+        tables = np.full((len(genomes), *nothing.shape[1:]), np.nan)
+        return RivalSet(genomes, tables, self.finder.losses)
 
     def list_candidates(self) -> tuple[Ints, Floats]:
         """Parents (K, P) and belief (K) of the climbers."""
@@ -322,12 +292,12 @@ class ReleasedStrategy:
         """Cost (N) of zero for each body: the rule of 2006 has no prior."""
         return np.zeros(len(genomes))
 
-    def capture_state(self) -> dict[str, Any]:
+    def capture_state(self) -> Arrays:
         """The climbers."""
-        return {"genes": self.finder.genes, "losses": self.finder.losses,
-                "weight": self.rule.weight}  # fmt: skip
+        finder, weight = self.finder, np.array(self.weight)
+        return {"genes": finder.genes, "losses": finder.losses, "weight": weight}
 
-    def restore_state(self, state: Mapping[str, Any], evidence: Evidence) -> None:
+    def restore_state(self, state: Arrays, evidence: Evidence) -> None:
         """Go on from a state."""
         self.finder.genes, self.finder.losses = state["genes"], state["losses"]
-        self.rule.weight = float(state["weight"])
+        self.weight = float(state["weight"])

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import Genomes, relabel_parts
-from ..engine.channels import SENSOR_KINDS, Channels, list_channels
-from .evaluate import Loss
+from ..engine.channels import SENSOR_KINDS, Channels, Loss, list_channels
+from .evaluate import Evidence
 
 _MOST_TRADES = 1000  # chosen: beyond it only pairs trade labels
 # hinge kinds after a mirror: left and right, roll left and roll right change places
@@ -79,31 +79,23 @@ class SymmetryGroup:
         return np.all(label[:, parent] <= self.trade, axis=1)
 
     def compute_losses(
-        self,
-        parent: Ints,
-        table: Floats,
-        tried: Ints,
-        felt: Floats,
-        loss: Loss,
+        self, parent: Ints, table: Floats, evidence: Evidence, loss: Loss
     ) -> Floats:
         """(G, T) loss of every twin of a body, infinite where impossible or unknown.
 
         Args:
             parent: (P) of the body.
             table: (A, C) the body's channels under every action.
-            tried: (n) actions tried.
-            felt: (n, C) channels measured.
         """
         from ..engine.losses import fill_twin_losses
 
         turned = np.ascontiguousarray(table @ self.channel.transpose(0, 2, 1))
-        source = self.action[:, tried]  # (T, n)
+        source = self.action[:, evidence.tried]  # (T, n)
         known = (source >= 0).all(axis=1) & self.find_valid_trades(parent)
         total = np.full((len(turned), len(known)), np.inf)
         each = np.empty((len(turned), int(known.sum())))
-        fill_twin_losses(
-            turned, source[known], self.column[known], felt, loss.weight, loss.cap, each
-        )
+        some = source[known], self.column[known]
+        fill_twin_losses(turned, *some, evidence.measured, loss, each)
         total[:, known] = each
         return total
 
@@ -238,8 +230,8 @@ def _trade_columns(channels: Channels, trade: Ints) -> Ints:
     Args:
         trade: (T, P) part i + 1 becomes part trade[t, i] + 1.
     """
-    place = {key: c for c, key in enumerate(zip(*map(np.ndarray.tolist,
-             channels.columns), strict=True))}  # fmt: skip
+    keys = zip(channels.code, channels.part, channels.axis, strict=True)
+    place = {tuple(map(int, key)): c for c, key in enumerate(keys)}
     back = np.argsort(trade, axis=1)  # part i of the twin was part back[i]
     return np.array([
         [place[code, int(row[part - 1]) + 1 if part else 0, axis]

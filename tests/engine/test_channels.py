@@ -6,28 +6,32 @@ import numpy as np
 import pytest
 
 from selfheal.body.genome import build_bodies, draw_genomes
+from selfheal.engine.arrays import plan_race
 from selfheal.engine.channels import list_channels, parse_sensor
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.statics import Statics
-from selfheal.errors import InputError, UnknownNameError
-from selfheal.selfmodel.evaluate import make_capped_loss
+from selfheal.errors import InputError
 from tests.support.stick_robot import anatomy
 
 PARTS = anatomy().parts
+TORQUE, TOUCH, POSITION = (
+    [f"{kind}:{part}" for part in PARTS] for kind in ("torque", "touch", "position")
+)
 BOLTED = replace(
-    anatomy(), fixed=True, hinges=(0, 3, 2, 4), bends=(0.0, 0.4, 0.0, -0.7),
-    sensors=(*(f"torque:{p}" for p in PARTS), f"gravity:{PARTS[3]}",
-             *(f"position:{p}" for p in PARTS)),
-)  # fmt: skip
+    anatomy(),
+    fixed=True,
+    hinges=(0, 3, 2, 4),
+    bends=(0.0, 0.4, 0.0, -0.7),
+    sensors=(*TORQUE, f"gravity:{PARTS[3]}", *POSITION),
+)
 LYING = replace(
-    anatomy(), bends=(0.0, 0.0, 0.5, 0.0),
-    sensors=("clearance", *(f"touch:{p}" for p in PARTS), "tilt",
-             f"gravity:{PARTS[0]}", f"position:{PARTS[2]}"),
-)  # fmt: skip
+    anatomy(),
+    bends=(0.0, 0.0, 0.5, 0.0),
+    sensors=("clearance", *TOUCH, "tilt", f"gravity:{PARTS[0]}", POSITION[2]),
+)
 
 
-def _draw(known, count=6, *, ordered=True):
-    known = replace(known, ordered=ordered)
+def _draw(known, count=6):
     genomes = draw_genomes(known, count, np.random.default_rng(2), False)
     targets = np.random.default_rng(3).uniform(-0.6, 0.6, (count, known.size))
     return build_bodies(known, genomes), targets
@@ -35,10 +39,10 @@ def _draw(known, count=6, *, ordered=True):
 
 @pytest.mark.parametrize("ordered", [True, False])
 def test_a_bolted_robot_is_sensed_as_mujoco_does(ordered):
-    bodies, targets = _draw(BOLTED, ordered=ordered)
+    bodies, targets = _draw(replace(BOLTED, ordered=ordered))
     static = Statics().simulate(bodies, targets).channels
     dynamic = MuJoCo().simulate(bodies, targets).channels
-    scale = list_channels(BOLTED).weight
+    scale = list_channels(BOLTED).loss.weight
     assert static.shape == (6, 4 + 3 + 12)
     assert (np.abs(static - dynamic) * scale).max() < 1.0  # servos sag
 
@@ -48,7 +52,7 @@ def test_torques_are_those_that_hold_the_parts():
 
     from selfheal.body.mjcf import build_spec
 
-    bodies, targets = _draw(BOLTED, ordered=False)
+    bodies, targets = _draw(replace(BOLTED, ordered=False))
     seen = Statics().simulate(bodies, targets).channels[:, :4]
     for row, target in enumerate(targets):
         model = build_spec(bodies, row).compile()
@@ -64,7 +68,7 @@ def test_a_robot_on_the_floor_is_sensed_as_mujoco_does():
     bodies, targets = _draw(LYING, 12)
     static = Statics(20).simulate(bodies, targets).channels
     dynamic = MuJoCo().simulate(bodies, targets).channels
-    scale = list_channels(LYING).weight
+    scale = list_channels(LYING).loss.weight
     apart = (np.abs(static - dynamic) * scale).max(axis=1)
     assert (apart < 4).mean() > 0.7  # others rest elsewhere, as bodies may
 
@@ -72,10 +76,8 @@ def test_a_robot_on_the_floor_is_sensed_as_mujoco_does():
 def test_a_race_hears_every_sensor():
     bodies, targets = _draw(LYING, 3)
     felt = Statics().simulate(bodies, targets).channels
-    loss = make_capped_loss(LYING)
-    order, never = np.tile(np.arange(3), (3, 1)), np.full((3, 3), np.inf)
-    each = Statics().race(bodies, targets, felt, weight=loss.weight, cap=loss.cap,
-                          order=order, bound=never)  # fmt: skip
+    loss, race = list_channels(LYING).loss, plan_race(3, np.arange(3), np.inf)
+    each = Statics().race(bodies, (targets, felt), loss, race)
     rows = np.repeat(np.arange(3), 3)
     seen = Statics().simulate(bodies[rows], np.tile(targets, (3, 1))).channels
     expected = loss(seen, np.tile(felt, (3, 1))).reshape(3, 3)
@@ -83,9 +85,10 @@ def test_a_race_hears_every_sensor():
     np.testing.assert_allclose(np.diag(each), 0, atol=1e-9)
 
 
-@pytest.mark.parametrize("sensor, said", [
-    ("smell", "sensor"), ("touch:head", "head"), ("tilt:part_1", "torso's"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "sensor, said",
+    [("smell", "sensor"), ("touch:head", "head"), ("tilt:part_1", "torso's")],
+)
 def test_a_sensor_that_there_is_not_is_refused(sensor, said):
     with pytest.raises(InputError, match=said):
         parse_sensor(sensor, PARTS)
@@ -96,4 +99,3 @@ def test_torques_of_a_robot_on_the_floor_are_refused_and_touch_of_a_bolted_one()
         list_channels(replace(LYING, sensors=(f"torque:{PARTS[0]}",)))
     with pytest.raises(InputError, match="says nothing"):
         list_channels(replace(BOLTED, sensors=("clearance",)))
-    assert issubclass(UnknownNameError, InputError)

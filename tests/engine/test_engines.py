@@ -7,19 +7,18 @@ import numpy as np
 import pytest
 
 from selfheal.body.body import Bodies
-from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.engine import ENGINES, make_engine
-from selfheal.engine.channels import MAX_CLEARANCE
+from selfheal.engine.arrays import pack_bodies, plan_race
+from selfheal.engine.channels import MAX_CLEARANCE, list_channels
 from selfheal.engine.mjx import Mjx
 from selfheal.engine.mujoco import MuJoCo
-from selfheal.engine.readings import Readings, compute_readings, pack_inputs
+from selfheal.engine.readings import Readings, compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
-from selfheal.robot.actions import list_actions_2006, load_published_body
-from selfheal.selfmodel.evaluate import make_capped_loss
+from tests.support.star_robot import ACTIONS, ANATOMY, STAR, draw_trees, make_stars
 
 STATICS, MUJOCO = Statics(10), MuJoCo()
-LOSS = make_capped_loss(load_published_body().anatomy)
+LOSS = list_channels(ANATOMY).loss
 TREES = 40
 
 # one program is compiled for all tests; test_mjx.py has quicker laws of it
@@ -37,10 +36,7 @@ every = pytest.mark.parametrize(
 
 def _trees() -> tuple[Bodies, np.ndarray]:
     """Random trees of the starfish's parts, and a target for each."""
-    rng = np.random.default_rng(0)
-    known = load_published_body().anatomy
-    bodies = build_bodies(known, draw_genomes(known, TREES, rng, False))
-    return bodies, list_actions_2006()[rng.integers(36, size=TREES)]
+    return draw_trees(TREES), ACTIONS[np.random.default_rng(1).integers(36, size=TREES)]
 
 
 @functools.cache
@@ -50,7 +46,7 @@ def _reference(what: str) -> Readings:
 
 
 def _star() -> tuple[Bodies, np.ndarray]:
-    return load_published_body()[np.zeros(36, int)], list_actions_2006()
+    return make_stars(36), ACTIONS
 
 
 def _gap(one: Readings, other: Readings) -> np.ndarray:
@@ -144,67 +140,38 @@ def test_a_diverging_simulation_fails_without_a_log(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def _race(bound: np.ndarray, order: np.ndarray | None = None):
-    """Every tree against what the star felt: losses (N, n) raced, and in full."""
+def _race(bound: float, order: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Every tree against what the star felt: losses (N, 7) raced, and in full."""
     bodies, _ = _trees()
-    count = bound.shape[1]
-    order = np.tile(np.arange(count), (TREES, 1)) if order is None else order
-    targets, felt = (
-        list_actions_2006()[:count],
-        _reference("star").channels[:count],
-    )
-    each = STATICS.race(
-        bodies,
-        targets,
-        felt,
-        weight=LOSS.weight,
-        cap=LOSS.cap,
-        order=order,
-        bound=bound,
-    )
-    row = np.repeat(np.arange(TREES), count)
+    targets, felt = ACTIONS[:7], _reference("star").channels[:7]
+    race = plan_race(TREES, order, bound)
+    each = STATICS.race(bodies, (targets, felt), LOSS, race)
+    row = np.repeat(np.arange(TREES), 7)
     rest = STATICS.simulate(bodies[row], np.tile(targets, (TREES, 1)))
-    full = LOSS(rest.channels, np.tile(felt, (TREES, 1)))
-    return each, full.reshape(TREES, count)
+    full = LOSS(rest.channels, np.tile(felt, (TREES, 1))).reshape(TREES, 7)
+    return (np.take_along_axis(x, race.order, axis=1) for x in (each, full))
 
 
 def test_a_race_without_a_bound_is_the_sum_of_simulations():
-    each, full = _race(np.full((TREES, 7), np.inf))
+    each, full = _race(np.inf, np.arange(7))
     np.testing.assert_allclose(each, full, atol=1e-9)
 
 
-def test_a_race_ends_where_the_bound_is_reached():
+def test_every_body_races_in_its_own_order_until_its_bound_is_reached():
+    order = np.random.default_rng(0).permuted(np.tile(np.arange(7), (TREES, 1)), axis=1)
     limit = 25.0
-    each, full = _race(np.full((TREES, 7), limit))
+    each, full = _race(limit, order)
     before = np.cumsum(full, axis=1) - full
     np.testing.assert_array_equal(np.isnan(each), before >= limit)
     np.testing.assert_allclose(each[before < limit], full[before < limit], atol=1e-9)
     assert np.isnan(each).any() and not np.isnan(each).all(axis=1).any()
 
 
-def test_every_body_races_in_its_own_order():
-    rng, limit = np.random.default_rng(0), 25.0
-    order = rng.permuted(np.tile(np.arange(7), (TREES, 1)), axis=1)
-    each, full = _race(np.full((TREES, 7), limit), order)
-    each, full = (np.take_along_axis(x, order, axis=1) for x in (each, full))
-    before = np.cumsum(full, axis=1) - full
-    np.testing.assert_array_equal(np.isnan(each), before >= limit)
-    np.testing.assert_allclose(each[before < limit], full[before < limit], atol=1e-9)
-
-
 def _race_trees_against_mujoco(other_rest: float) -> np.ndarray:
     """(N, N) losses of each tree under each one's action, against that one's rest."""
     bodies, targets = _trees()
-    return STATICS.race(
-        bodies,
-        targets,
-        _reference("trees").channels,
-        weight=LOSS.weight,
-        cap=LOSS.cap,
-        order=np.tile(np.arange(TREES), (TREES, 1)),
-        bound=np.full((TREES, TREES), np.inf),
-        other_rest=other_rest,
-    )
+    race = plan_race(TREES, np.arange(TREES), np.inf, other_rest)
+    return STATICS.race(bodies, (targets, _reference("trees").channels), LOSS, race)
 
 
 def test_a_body_rests_where_mujoco_says_if_it_is_put_down_so():
@@ -219,24 +186,20 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     bodies, _ = _trees()
     length = bodies.length.copy()
     length[1] = np.nan
-    each = STATICS.race(
+    bodies, race = (
         replace(bodies, length=length)[:3],
-        list_actions_2006()[:3],
-        np.zeros((3, 3)),
-        weight=np.ones(3),
-        cap=np.full(3, 8.0),
-        order=np.tile(np.arange(3), (3, 1)),
-        bound=np.full((3, 3), np.inf),
+        plan_race(3, np.arange(3), np.inf),
     )
+    each = STATICS.race(bodies, (ACTIONS[:3], np.zeros((3, 3))), LOSS, race)
     assert each[1, 0] == np.inf and np.isnan(each[1, 1:]).all()
     assert np.isfinite(each[[0, 2]]).all()
 
 
 def test_readings_far_beyond_the_sensors_are_within_their_range():
     up = np.array([[0, 0, 1.0], [0, 0, -1], [0, 1, 0], [np.nan, 0, 1]])
-    bodies = load_published_body()[np.zeros(4, int)]
+    bodies = make_stars(4)
     height, tips, angles = np.ones(4), np.zeros((4, 1)), np.zeros((4, 8))
-    seen = compute_readings(bodies, pack_inputs(bodies), up, height, tips, angles)
+    seen = compute_readings(bodies, pack_bodies(bodies), up, height, tips, angles)
     assert seen.failed.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(seen.clearance[:3], MAX_CLEARANCE)
     np.testing.assert_allclose(seen.tilt[:3], [[0, 0], [0, 0], [-np.pi / 2, 0]])
@@ -244,7 +207,7 @@ def test_readings_far_beyond_the_sensors_are_within_their_range():
 
 @every
 def test_the_flat_star_lies_level_on_its_belly(engine):
-    seen = engine.simulate(load_published_body(), np.zeros((1, 8)))
+    seen = engine.simulate(STAR, np.zeros((1, 8)))
     np.testing.assert_allclose(seen.tilt, 0, atol=1e-3)
     np.testing.assert_allclose(seen.clearance, 0, atol=1e-3)
     np.testing.assert_array_equal(seen.touch, 0)

@@ -11,7 +11,7 @@ import pytest
 from selfheal.engine.mjx import Mjx, _compile_program
 from selfheal.engine.statics import Statics
 from tests.support.paths import ROOT
-from tests.support.star_robot import draw_trees, list_star_actions, make_stars
+from tests.support.star_robot import ACTIONS, draw_trees, make_stars
 
 ENGINE = Mjx(batch=40)
 
@@ -24,7 +24,7 @@ def _same(one, other) -> None:
 
 
 def test_the_star_rests_as_in_statics():
-    actions = list_star_actions()
+    actions = ACTIONS
     dynamic = ENGINE.simulate(make_stars(36), actions)
     static = Statics(10).simulate(make_stars(36), actions)
     assert not dynamic.failed.any()
@@ -34,20 +34,20 @@ def test_the_star_rests_as_in_statics():
 
 
 def test_most_random_trees_rest_as_in_statics():
-    targets = list_star_actions()[np.random.default_rng(1).integers(36, size=40)]
+    targets = ACTIONS[np.random.default_rng(1).integers(36, size=40)]
     gap = ENGINE.simulate(draw_trees(40), targets).tilt
     gap = gap - Statics(10).simulate(draw_trees(40), targets).tilt
     assert (np.degrees(np.abs(gap)).max(axis=1) < 2).mean() > 0.85
 
 
 def test_one_program_serves_every_tree():
-    ENGINE.simulate(make_stars(3), list_star_actions()[:3])
-    ENGINE.simulate(draw_trees(45), list_star_actions()[np.arange(45) % 36])
+    ENGINE.simulate(make_stars(3), ACTIONS[:3])
+    ENGINE.simulate(draw_trees(45), ACTIONS[np.arange(45) % 36])
     assert _compile_program.cache_info().currsize == 1
 
 
 def test_rows_do_not_depend_on_how_many_there_are():
-    bodies, targets = draw_trees(5), list_star_actions()[:5]
+    bodies, targets = draw_trees(5), ACTIONS[:5]
     together = ENGINE.simulate(bodies, targets)
     for i in range(5):
         _same(ENGINE.simulate(bodies[[i]], targets[[i]]), together[[i]])
@@ -59,7 +59,7 @@ def test_rows_do_not_depend_on_how_many_there_are():
     "field, value", [("length", np.nan), ("mass", 1e300), ("mass", -0.1)]
 )
 def test_a_failed_candidate_spoils_nobody_else(field, value):
-    bodies, targets = draw_trees(4), list_star_actions()[:4]
+    bodies, targets = draw_trees(4), ACTIONS[:4]
     broken = getattr(bodies, field).copy()
     broken[1, 2] = value
     mixed = ENGINE.simulate(replace(bodies, **{field: broken}), targets)
@@ -76,8 +76,8 @@ def test_a_large_batch_ends_from_a_fresh_process(tmp_path):
 import sys
 sys.path.insert(0, {str(ROOT)!r})
 from selfheal.engine.mjx import Mjx
-from tests.support.star_robot import list_star_actions, make_stars
-rest = Mjx(0.1, 0.1, batch=256).simulate(make_stars(36), list_star_actions())
+from tests.support.star_robot import ACTIONS, make_stars
+rest = Mjx(0.1, 0.1, batch=256).simulate(make_stars(36), ACTIONS)
 print(int(rest.failed.sum()))
 """
     done = subprocess.run(
@@ -97,10 +97,10 @@ def test_a_program_is_traced_once_and_again_where_its_file_is_damaged(tmp_path):
 import sys
 sys.path.insert(0, {str(ROOT)!r})
 from selfheal.engine.mjx import Mjx
-from tests.support.star_robot import ANATOMY, list_star_actions, make_stars
+from tests.support.star_robot import ACTIONS, ANATOMY, make_stars
 engine = Mjx(0.1, 0.1, batch=4)
 print(engine.prepare(ANATOMY))
-print(engine.simulate(make_stars(4), list_star_actions()[:4]).tilt.tobytes().hex())
+print(engine.simulate(make_stars(4), ACTIONS[:4]).tilt.tobytes().hex())
 print("mujoco.mjx" in sys.modules)
 """
 

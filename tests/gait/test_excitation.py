@@ -8,7 +8,7 @@ import pytest
 from selfheal.engine.support import measure_support
 from selfheal.engine.walk import PERIOD, SAMPLE
 from selfheal.gait.excitation import plan_excitation
-from tests.support.star_robot import list_star_actions, make_stars
+from tests.support.star_robot import ACTIONS, make_stars
 
 LIMIT = np.radians(30.0)
 
@@ -16,7 +16,7 @@ LIMIT = np.radians(30.0)
 @pytest.fixture(scope="module")
 def star():
     """Four moves of the star."""
-    return plan_excitation(make_stars(1), list_star_actions(), 4, seed=3)
+    return plan_excitation(make_stars(1), ACTIONS, 4, seed=3)
 
 
 def test_joints_stay_among_the_actions_and_begin_at_rest(star):
@@ -47,13 +47,13 @@ def test_every_joint_moves_in_its_own_way(star):
 def test_a_bolted_robot_swings_through_all_of_its_range():
     body = make_stars(1)
     bolted = replace(body, anatomy=replace(body.anatomy, fixed=True))
-    plan = plan_excitation(bolted, list_star_actions(), 1)
+    plan = plan_excitation(bolted, ACTIONS, 1)
     assert plan.is_held
     assert plan.commands.min() < -0.5 * LIMIT and plan.commands.max() > 0.5 * LIMIT
 
 
 def test_the_seed_alone_decides(star):
-    actions, body = list_star_actions(), make_stars(1)
+    actions, body = ACTIONS, make_stars(1)
     again = plan_excitation(body, actions, 4, seed=3)
     other = plan_excitation(body, actions, 4, seed=4)
     np.testing.assert_array_equal(again.commands, star.commands)

@@ -5,11 +5,11 @@ import pytest
 
 from selfheal.body.body import count_centers_in_torso
 from selfheal.body.genome import build_bodies
+from selfheal.engine.channels import Loss
 from selfheal.engine.statics import Statics
-from selfheal.selfmodel.evaluate import PAPER_LOSS, Loss
+from selfheal.selfmodel.evaluate import PAPER_LOSS
 from selfheal.selfmodel.paper import PaperSearch
 from tests.support.stick_search import (
-    NO_LIMIT,
     TOY,
     WavesEngine,
     draw_sticks,
@@ -17,6 +17,7 @@ from tests.support.stick_search import (
     make_evaluator,
     make_search,
     measure_evidence,
+    race_sticks,
 )
 
 ENGINES = [Statics(), WavesEngine(1), WavesEngine(64)]
@@ -26,17 +27,13 @@ engines = pytest.mark.parametrize("engine", ENGINES, ids=["race", "one", "waves"
 @engines
 def test_giving_up_early_changes_nobody_below_the_bound(engine):
     genomes, evidence = draw_sticks(60), measure_evidence(0, 3, 5, 8)
-    evaluator, order = make_evaluator(engine), np.arange(4)
-    never = np.full(60, NO_LIMIT)
-    full, every = evaluator.compute_losses(genomes, evidence, bound=never, order=order)
+    evaluator = make_evaluator(engine)
+    full, every = race_sticks(evaluator, genomes, evidence, range(4))
     whole = evaluator.spent
     limit = float(np.quantile(full[np.isfinite(full)], 0.2))
-    for order in (np.arange(4), np.array([2, 0, 3, 1])):
+    for order in ([0, 1, 2, 3], [2, 0, 3, 1]):
         before = evaluator.spent
-        bound = np.full(60, limit)
-        total, each = evaluator.compute_losses(
-            genomes, evidence, bound=bound, order=order
-        )
+        total, each = race_sticks(evaluator, genomes, evidence, order, limit)
         below = full < limit
         np.testing.assert_allclose(total[below], full[below])
         assert (total[~below] == np.inf).all()
@@ -52,15 +49,11 @@ def test_a_simulation_is_one_candidate_under_one_action(engine):
     seen = []
     evaluator.progress = seen.append
     genomes = draw_sticks(30)
-    bound = np.full(30, NO_LIMIT)
-    _, each = evaluator.compute_losses(
-        genomes, evidence, bound=bound, order=np.arange(2)
-    )
-    assert evaluator.spent == (~np.isnan(each)).sum() == seen[-1]
+    _, each = race_sticks(evaluator, genomes, evidence, range(2))
+    raced = (~np.isnan(each)).sum()
+    assert evaluator.spent == raced == seen[-1]
     evaluator.compute_table(genomes)
-    assert (
-        evaluator.spent == seen[-1] == (~np.isnan(each)).sum() + 30 * len(TOY.actions)
-    )
+    assert evaluator.spent == seen[-1] == raced + 30 * len(TOY.actions)
 
 
 def test_bodies_with_parts_inside_the_torso_are_not_simulated():
@@ -68,9 +61,7 @@ def test_bodies_with_parts_inside_the_torso_are_not_simulated():
     genomes, evaluator = draw_sticks(200), make_evaluator()
     inside = count_centers_in_torso(build_bodies(TOY.anatomy, genomes)) > 0
     assert 0 < inside.sum() < 200
-    total, each = evaluator.compute_losses(
-        genomes, measure_evidence(0), bound=np.full(200, NO_LIMIT), order=np.arange(1)
-    )
+    total, each = race_sticks(evaluator, genomes, measure_evidence(0), [0])
     np.testing.assert_array_equal(np.isinf(total), inside)
     np.testing.assert_array_equal(np.isnan(each[:, 0]), inside)
     assert evaluator.spent == (~inside).sum()
@@ -79,8 +70,7 @@ def test_bodies_with_parts_inside_the_torso_are_not_simulated():
 def test_hardest_first_tries_every_action_once():
     evaluator, evidence = make_evaluator(), measure_evidence(2, 7, 4, 0)
     assert sorted(evaluator.order_by_hardness(evidence)) == [0, 1, 2, 3]
-    bound = np.full(40, NO_LIMIT)
-    evaluator.compute_losses(draw_sticks(40), evidence, bound=bound, order=np.arange(4))
+    race_sticks(evaluator, draw_sticks(40), evidence, range(4))
     order = evaluator.order_by_hardness(evidence)
     assert sorted(order) == [0, 1, 2, 3]
     hardness = evaluator.hardness[list(np.array(evidence.tried)[order])]

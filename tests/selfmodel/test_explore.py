@@ -316,9 +316,7 @@ def test_voters_stand_for_all_belief(found):
 
 def test_the_method_chooses_untried_actions_and_says_why(searched):
     evaluator, _, evidence = searched
-    method = RivalStrategy(
-        evaluator, space="free", known_lengths=False, random_actions=False
-    )
+    method = RivalStrategy(evaluator, find_space("free"), random_actions=False)
     rng = np.random.default_rng(0)
     first, why = method.choose_action(Evidence.empty(3), rng)
     assert 0 <= first < len(evaluator.actions) and "random" in why
@@ -328,20 +326,18 @@ def test_the_method_chooses_untried_actions_and_says_why(searched):
 
 
 def test_of_bodies_that_fit_equally_the_one_with_fewer_limbs_is_more_probable(searched):
-    evaluator, search, evidence = searched
-    method = RivalStrategy(
-        evaluator, space="free", known_lengths=False, random_actions=False
-    )
+    evaluator, search, _ = searched
+    method = RivalStrategy(evaluator, find_space("free"), random_actions=False)
     method.finder = search
-    genomes, _, losses = method.list_rivals()
-    assert (np.diff(losses + method.compute_prior(genomes)) >= -1e-12).all()
+    rivals = method.list_rivals()
+    assert (
+        np.diff(rivals.losses + method.compute_prior(rivals.genomes)) >= -1e-12
+    ).all()
 
 
 def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):
     evaluator, search, evidence = searched
-    method = RivalStrategy(
-        evaluator, space="free", known_lengths=False, random_actions=False
-    )
+    method = RivalStrategy(evaluator, find_space("free"), random_actions=False)
     method.neighborhood.update(search.rivals, evidence)
     method.found = found = method.neighborhood.list_hypotheses(evidence)
     table = found.tables[0]

@@ -9,9 +9,8 @@ from selfheal.body.genome import draw_genomes
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.second_engine import SecondEngine
-from tests.support.star_robot import ANATOMY, list_star_actions
+from tests.support.star_robot import ACTIONS, ANATOMY
 
-ACTIONS = list_star_actions()
 GENOMES = draw_genomes(ANATOMY, 5, np.random.default_rng(0), True)
 EVIDENCE = Evidence.empty(3).add(3, np.zeros(3)).add(7, np.array([5.0, -5.0, np.nan]))
 

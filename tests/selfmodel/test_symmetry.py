@@ -9,7 +9,7 @@ import pytest
 from selfheal.body.genome import Genomes, decode_matrix, draw_genomes
 from selfheal.body.genome import concatenate_genomes as joined
 from selfheal.engine.statics import Statics
-from selfheal.selfmodel.evaluate import Evaluator, make_capped_loss
+from selfheal.selfmodel.evaluate import Evaluator, Evidence
 from selfheal.selfmodel.space import find_space, is_same, is_valid
 from selfheal.selfmodel.symmetry import SymmetryGroup
 from tests.support.stick_robot import PARTS, Toy, anatomy, truth_genome
@@ -71,9 +71,8 @@ def test_the_derived_table_of_any_sensors_is_its_simulation(ordered):
             twin = twins.map_genome(genomes, row, turn, trade)
             gap = np.abs(derived - evaluator.compute_table(twin)[0]).max(axis=1)
             gaps += gap[np.isfinite(gap)].tolist()
-            tried = np.arange(3)
-            losses = twins.compute_losses(genomes.parent[row], tables[row], tried,
-                                          derived[tried], evaluator.loss)  # fmt: skip
+            evidence, parent = Evidence((0, 1, 2), derived[:3]), genomes.parent[row]
+            losses = twins.compute_losses(parent, tables[row], evidence, evaluator.loss)
             assert losses[turn, trade] == pytest.approx(0, abs=1e-6)
     # a body that balances on an edge may fall to either side of it
     assert len(gaps) > 50 and np.quantile(gaps, 0.9) < 0.02
@@ -123,15 +122,9 @@ def test_losses_find_the_relabeling_that_is_the_truth(turn, trade):
     genome, evaluator = truth_genome(), _evaluator()
     assert TWINS.find_valid_trades(genome.parent[0])[trade]
     disguised = TWINS.map_genome(genome, 0, turn, trade)
-    tried = np.arange(len(TOY.actions))
-    felt = evaluator.compute_table(genome)[0]
-    losses = TWINS.compute_losses(
-        disguised.parent[0],
-        evaluator.compute_table(disguised)[0],
-        tried,
-        felt,
-        make_capped_loss(TOY.anatomy),
-    )
+    felt, table = evaluator.compute_table(joined(genome, disguised))
+    evidence, parent = Evidence(tuple(range(len(felt))), felt), disguised.parent[0]
+    losses = TWINS.compute_losses(parent, table, evidence, evaluator.loss)
     assert losses.min() < 0.01
     best = np.unravel_index(int(np.argmin(losses)), losses.shape)
     found = evaluator.compute_table(TWINS.map_genome(disguised, 0, *map(int, best)))[0]

@@ -8,7 +8,7 @@ from selfheal.robot.actions import list_actions_2006, load_published_body
 
 STAR = load_published_body()
 ANATOMY = STAR.anatomy
-list_star_actions = list_actions_2006
+ACTIONS = list_actions_2006()
 
 
 def make_stars(count: int) -> Bodies:

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from selfheal.body.genome import Genomes, draw_genomes
+from selfheal.body.genome import Genomes, build_bodies, draw_genomes
+from selfheal.engine.arrays import plan_race
 from selfheal.engine.statics import Statics
 from selfheal.selfmodel.evaluate import Evaluator, Evidence, Loss
 from selfheal.selfmodel.search import RivalSearch
@@ -14,7 +15,6 @@ from tests.support.stick_robot import Toy, anatomy, truth_genome
 
 TOY = Toy()
 FREE = find_space("free")
-NO_LIMIT = np.inf
 
 
 class WavesEngine:
@@ -61,3 +61,11 @@ def make_search(evaluator: Evaluator, space=FREE) -> RivalSearch:
     return RivalSearch(
         space, evaluator, SymmetryGroup.from_actions(TOY.anatomy, TOY.actions)
     )
+
+
+def race_sticks(
+    evaluator: Evaluator, genomes: Genomes, evidence: Evidence, order, bound=np.inf
+) -> tuple[np.ndarray, np.ndarray]:
+    """Losses (N) of bodies, and (N, n) under each action, of a race."""
+    race = plan_race(len(genomes), np.asarray(order), bound)
+    return evaluator.compute_losses(build_bodies(anatomy(), genomes), evidence, race)
