@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks.suites import KeyedRuns
 from benchmarks.writer import INTACT
 from selfheal.body.body import measure_length_error
-from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.damage.apply import apply_damages
+from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import compute_channels, list_channels, rotate_into_frame
 from selfheal.gait.pattern import find_pattern
 from selfheal.gait.rival_bodies import select_rival_bodies

@@ -14,11 +14,12 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.writer import Section, make_parser, publish_results
-from selfheal.body.damage import parse_damages
+from selfheal.damage.apply import apply_damages
+from selfheal.damage.words import parse_damages
 from selfheal.diagnosis.estimation.covariance import _correlation_time
 from selfheal.diagnosis.output.localization import _correct_holm
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
-from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import rotate_into_frame
 from selfheal.gait import synthesis
 from selfheal.gait.cma_es import ask, start_search, tell

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.suites import KeyedRuns
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, LeggedRobot, load_legged_robot
+from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
 from selfheal.gait.genetic import POPULATION, draw_values
 from selfheal.recovery.estimate import Trial

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from ..body.body import Anatomy, Bodies, Floats
-from ..body.damage import explain_misfit, list_targets
+from ..damage.words import explain_misfit, list_targets
 from ..engine.walk import list_channels
 from ..errors import RunFileError
 from ..gait.pattern import find_pattern

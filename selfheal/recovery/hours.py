@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.damage import INTACT, Damage, Strike
+from ..damage.apply import Strike
+from ..damage.kinds import INTACT, Damage
 from ..errors import InputError
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import measure_distance
@@ -287,7 +288,7 @@ def _describe_event(
         "alarm": {key: alarm[key] for key in ("time", "sensor", "p_value")},
         "delay": round(alarm["time"] - strike.time, 3) if strike else None,
         "believed": best,
-        "right": (best["kind"], best["target"]) == (true.kind, true.target),
+        "right": read_damage(best).place == true.place,
         "actions": len(heal.actions),
         **{key: _PER_MINUTE * ways[key] for key in ("damaged", "healed", "first")},
     }

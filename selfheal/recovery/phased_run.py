@@ -13,7 +13,8 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..body.damage import Damage, explain_misfit
+from ..damage.kinds import Damage
+from ..damage.words import explain_misfit
 from ..errors import InputError, RunFileError
 from ..files import atomic_hdf5
 from ..notebook import format_columns

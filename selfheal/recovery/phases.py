@@ -8,13 +8,9 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.damage import INTACT, Damage
-from ..engine.plant import (
-    Plant,
-    apply_damages,
-    build_rated_plant,
-    list_gone_targets,
-)
+from ..damage.apply import apply_damages, list_gone_targets
+from ..damage.kinds import INTACT, Damage
+from ..engine.plant import Plant, build_rated_plant
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
 from ..errors import InputError
 from ..gait.pattern import SECONDS

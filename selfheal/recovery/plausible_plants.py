@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import Damage
-from ..engine.plant import Plant, apply_damages
+from ..damage.apply import apply_damages
+from ..damage.kinds import Damage
+from ..engine.plant import Plant
 from ..engine.walk import PERIOD, SAMPLE, list_channels
 from ..gait.synthesis import randomize_plant
 from .belief import compute_log_t

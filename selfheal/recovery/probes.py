@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats, concatenate_bodies
-from ..body.damage import Damage
-from ..engine.plant import Plant, apply_damages, list_motions
+from ..damage.apply import apply_damages
+from ..damage.kinds import Damage
+from ..engine.plant import Plant, list_motions
 from ..engine.statics import Statics
 from ..engine.walk import (
     PERIOD,

@@ -7,7 +7,8 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from ..body.damage import Damage, Strike
+from ..damage.apply import Strike
+from ..damage.kinds import Damage
 from ..gait.synthesis import Gait
 from ..schema import ArraySchema, Count, Finite, Number, Probability
 from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed

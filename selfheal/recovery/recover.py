@@ -13,12 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..body.body import Floats
-from ..engine.reflex import (
-    Rollouts,
-    build_damaged_plants,
-    scale_physics,
-    simulate_controllers,
-)
+from ..damage.apply import build_damaged_plants
+from ..engine.reflex import Rollouts, scale_physics, simulate_controllers
 from ..gait.genetic import (
     KEPT,
     MUTATION,

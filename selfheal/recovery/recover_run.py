@@ -7,8 +7,10 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from pydantic import Field
 
-from ..body.damage import INTACT, Damage, describe_damages, explain_misfit
-from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
+from ..body.legged import LeggedRobot, load_legged_robot
+from ..damage.apply import reduce_damages
+from ..damage.kinds import INTACT, Damage
+from ..damage.words import describe_damages, explain_misfit
 from ..engine.reflex import STEPS, STEPS_PER_SAMPLE
 from ..robot.scenarios import SCENARIOS
 from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
@@ -349,7 +351,7 @@ def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
     believed, chance = read_hypotheses(last), last["probability"]
 
     def share(damage: Damage) -> float:
-        said = [any((d.kind, d.target) == (damage.kind, damage.target) for d in h)
+        said = [any(d.place == damage.place for d in h)
                 or (h == () and damage == INTACT) for h in believed]  # fmt: skip
         return sum(p for p, one in zip(chance, said, strict=True) if one)
 
@@ -372,4 +374,4 @@ def is_damage_named(run: RecoverRun) -> bool | None:
     if run.unlisted:
         return False
     said = read_hypotheses(run.estimates[-1])[0]
-    return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}
+    return {d.place for d in said} == {d.place for d in true}

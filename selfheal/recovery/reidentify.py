@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.damage import Damage
+from ..damage.kinds import Damage
 from ..engine.plant import Plant
 from ..engine.walk import list_channels
 from .belief import (

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..body.damage import Damage
 from ..body.legged import HIDDEN, LeggedRobot
+from ..damage.kinds import Damage
 from ..errors import InputError
 
 # 1 to 10: overview.txt, Table 4. What follows is what it proposes for later (4.3, 4.5):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import BELLY_SENSOR, Bodies, Floats
-from ..body.damage import Strike
 from ..body.mjcf import Physics
+from ..damage.apply import Strike, apply_damages
 from ..engine.channels import TOUCH_HEIGHT
-from ..engine.plant import Plant, apply_damages, build_rated_plant
+from ..engine.plant import Plant, build_rated_plant
 from ..engine.walk import PERIOD, SAMPLE, Walks, compute_clearance, simulate_walks
 from ..recording import Episode, Recording, Signal
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, load_legged_robot
+from selfheal.damage.apply import build_damaged_plants
+from selfheal.damage.kinds import Damage
 from selfheal.engine import reflex
 from selfheal.engine.reflex import (
     STEPS_PER_SAMPLE,
-    build_damaged_plants,
     build_intact_plants,
     simulate_controllers,
 )

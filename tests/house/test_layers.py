@@ -20,7 +20,7 @@ ROOMS = [
         "mujoco_files",
     ),
     *("documents", "schema", "recording", "logs", "export", "example", "telemetry"),
-    *("mjcf", "preparation", "body", "engine"),
+    *("mjcf", "preparation", "body", "engine", "damage"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LeggedRobot, load_legged_robot
+from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
 from selfheal.gait import genetic
 from selfheal.gait.genetic import draw_values
