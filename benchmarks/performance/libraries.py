@@ -23,7 +23,7 @@ from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import rotate_into_frame
 from selfheal.gait import synthesis
 from selfheal.gait.cma_es import ask, start_search, tell
-from selfheal.gait.synthesis import synthesize_gaits
+from selfheal.gait.synthesis import GaitTask, LikelyPlants, synthesize_gaits
 from selfheal.report.page import make_table
 from selfheal.robot.actions import load_published_body
 
@@ -237,17 +237,16 @@ def compare_gaits(seeds: int) -> list[tuple[str, str, str]]:
     rows = []
     for words in ("", "right_lower:0.3", "loss:left_lower"):
         damages = parse_damages(words, body.anatomy) if words else ()
-        plant = apply_damages(build_rated_plant(body), *damages)
-        own = [synthesize_gaits([plant], seed=k)[0].predicted for k in range(seeds)]
+        likely = LikelyPlants([apply_damages(build_rated_plant(body), *damages)])
+        tasks = [GaitTask(seed=seed) for seed in range(seeds)]
+        own = [synthesize_gaits(likely, task)[0].predicted for task in tasks]
         with patch.multiple(
             synthesis,
             start_search=_CmaesState,
             ask=lambda state, count, rng: state.ask(count, rng),
             tell=lambda state, points, scores: state.tell(points, scores),
         ):
-            other = [
-                synthesize_gaits([plant], seed=k)[0].predicted for k in range(seeds)
-            ]
+            other = [synthesize_gaits(likely, task)[0].predicted for task in tasks]
         means = [f"{np.mean(x):.2f} +- {np.std(x):.2f}" for x in (own, other)]
         rows.append((words or "whole", means[0], means[1]))
     return rows

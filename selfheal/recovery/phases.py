@@ -1,7 +1,7 @@
 """The phases of a heal: what is known so far in, the next phase out."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from ..damage.apply import apply_damages, list_gone_targets
 from ..damage.kinds import INTACT, Damage
-from ..engine.plant import Plant, build_rated_plant
+from ..engine.plant import build_rated_plant
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
 from ..errors import InputError
 from ..gait.pattern import SECONDS
@@ -18,6 +18,8 @@ from ..gait.synthesis import (
     ONE_GAIT,
     THREE_GAITS,
     Gait,
+    GaitTask,
+    LikelyPlants,
     evaluate_gait,
     measure_distance,
     project_on_heading,
@@ -104,9 +106,7 @@ class HealPhases:
         """See `heal.heal_robot` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
         self.past, self.model = past, models[[0]]
-        self.search = partial(
-            synthesize_gaits, name=settings.gait, heading=settings.heading
-        )
+        self.task = GaitTask(settings.gait, settings.heading, settings.seed)
         rated = [build_rated_plant(models[[k]]) for k in range(len(models))]
         self.plants = [apply_damages(plant, *past.believed) for plant in rated]
         self.weights = weights
@@ -148,10 +148,9 @@ class HealPhases:
 
     def _make_first_gait(self, done: Mapping[str, Phase]) -> Phase:
         """A gait for the whole robot."""
-        (gait,) = self.search(
-            self.plants, rungs=ONE_GAIT, weights=self.weights, seed=self.settings.seed,
-            progress=partial(self.progress, "gait"),
-        )  # fmt: skip
+        likely = LikelyPlants(self.plants, self.weights)
+        report = partial(self.progress, "gait")
+        (gait,) = synthesize_gaits(likely, self.task, ONE_GAIT, progress=report)
         return {"gait": serialize_gait(gait)}
 
     def _walk_robot(
@@ -294,20 +293,16 @@ class HealPhases:
             for plant, weight in zip(self.plants, self.weights, strict=True):
                 plants.append(apply_damages(plant, read_damage(b)))
                 weights.append(b["probability"] * weight)
-        gait = self._try_gaits("healed", plants, weights, old)
+        gait = self._try_gaits("healed", LikelyPlants(plants, weights), old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _try_gaits(
-        self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
-    ) -> Gait:
+    def _try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
         """Of new gaits and the old one that which gets the broken robot farthest."""
-        seed = self.settings.seed + 1
-        new = self.search(
-            plants, rungs=THREE_GAITS, weights=weights, seed=seed, start=old,
-            progress=partial(self.progress, name),
-        )  # fmt: skip
-        rivals = [*new, evaluate_gait(plants, old, weights=weights, seed=seed)]
+        task = replace(self.task, seed=self.task.seed + 1)
+        report = partial(self.progress, name)
+        new = synthesize_gaits(likely, task, THREE_GAITS, start=old, progress=report)
+        rivals = [*new, evaluate_gait(likely, old, task.seed)]
         distances = []
         for k, gait in enumerate(rivals):
             self.progress(name, f"walking gait {k + 1} of {len(rivals)}", 1.0)
@@ -342,7 +337,7 @@ class HealPhases:
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self._try_gaits("known", [plant], [1.0], read_gait(done["gait"]))
+        gait = self._try_gaits("known", LikelyPlants([plant]), read_gait(done["gait"]))
         walk = self._walk_damaged(gait, 202)
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 

@@ -10,6 +10,8 @@ from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies
 from ..gait.synthesis import (
     ONE_GAIT,
+    GaitTask,
+    LikelyPlants,
     Progress,
     project_on_heading,
     synthesize_gaits,
@@ -21,18 +23,9 @@ from ..selfmodel.run import Run
 
 
 def walk_trial(
-    run: Run,
-    robot: Walker,
-    *,
-    name: str,
-    heading: float,
-    seed: int,
-    progress: Progress,
+    run: Run, robot: Walker, task: GaitTask, progress: Progress
 ) -> dict[str, Any]:
     """Synthesize a gait from what a run believes, and walk it on the robot.
-
-    Args:
-        heading: direction to walk [rad].
 
     Returns:
         What `selfheal gait --json` prints. Energy is the positive mechanical work of
@@ -40,21 +33,19 @@ def walk_trial(
     """
     models, weights = select_rival_bodies(run)
     plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
-    (gait,) = synthesize_gaits(
-        plants, rungs=ONE_GAIT, weights=weights, name=name, heading=heading,
-        seed=seed, progress=progress,
-    )  # fmt: skip
+    likely = LikelyPlants(plants, weights)
+    (gait,) = synthesize_gaits(likely, task, ONE_GAIT, progress=progress)
     path = read_position(robot.move(gait.commands(run.anatomy.size)))
-    along, across = project_on_heading(path[-1], heading)
+    along, across = project_on_heading(path[-1], task.heading)
     energy = float(walk_gait(plants[:1], gait).energy[0])
     cost = energy / (_sum_masses(models) * GRAVITY * max(gait.predicted, 1e-3))
     return {
         "format": "selfheal-gait",
         "version": 1,
         "robot": robot.name,
-        "seed": seed,
+        "seed": task.seed,
         "gait": gait.pattern,
-        "heading": round(float(np.degrees(heading)), 3),
+        "heading": round(float(np.degrees(task.heading)), 3),
         "duration": SECONDS,
         "walked": round(float(along), 4),
         "across": round(float(across), 4),

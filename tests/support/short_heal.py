@@ -10,7 +10,7 @@ from selfheal.body.genome import Genomes, encode_tree
 from selfheal.damage.kinds import Damage
 from selfheal.damage.words import parse_damages
 from selfheal.gait import synthesis
-from selfheal.gait.synthesis import Gait
+from selfheal.gait.synthesis import Effort, Gait
 from selfheal.recording import Recording
 from selfheal.recovery import phases, plausible_plants, walk_trial
 from selfheal.recovery.hypotheses import list_damages
@@ -39,17 +39,15 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
 
     They start from a gait that walks; hypotheses are few; pages have no film.
     """
-    real = synthesis._draw_genes
+    short = Effort(((1, 2, 2.0),), drawn=2, step=0.02, step_again=0.02)
     for module, name in (
         (phases, "ONE_GAIT"),
         (phases, "THREE_GAITS"),
         (walk_trial, "ONE_GAIT"),
     ):
-        patch(module, name, ((1, 2, 2.0),))
-    patch(synthesis, "_RANDOM", 2)
-    patch(synthesis, "_draw_genes", lambda search: 0 * real(search) + GENES)
-    patch(synthesis, "_STEP", 0.02)
-    patch(synthesis, "_AGAIN_STEP", 0.02)
+        patch(module, name, short)
+    real = synthesis.draw_first_genes
+    patch(synthesis, "draw_first_genes", lambda search: 0 * real(search) + GENES)
     patch(plausible_plants, "_KEPT", 1)
     patch(phases, "list_damages", list_few_damages)
     for page in (heal_page, hours_page):
