@@ -21,8 +21,8 @@ from selfheal.diagnosis.output.localization import _correct_holm
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
 from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import rotate_into_frame
+from selfheal.evolution.cma_es import ask, start_search, tell
 from selfheal.gait import synthesis
-from selfheal.gait.cma_es import ask, start_search, tell
 from selfheal.gait.synthesis import GaitTask, LikelyPlants, synthesize_gaits
 from selfheal.report.page import make_table
 from selfheal.robot.actions import load_published_body
@@ -210,7 +210,7 @@ def search_with_cmaes(function: Callable[[np.ndarray], np.ndarray], seed: int) -
 
 
 class _CmaesState:
-    """The package cmaes behind the functions of `gait.cma_es`."""
+    """The package cmaes behind the functions of `evolution.cma_es`."""
 
     def __init__(self, mean: np.ndarray, sigma: float) -> None:
         from cmaes import CMA

@@ -8,7 +8,8 @@ import numpy as np
 from ..body.body import Floats, count_ancestors
 from ..engine.plant import Plant
 from ..engine.walk import SAMPLE, Walks, simulate_walks
-from .cma_es import CmaState, ask, start_search, tell
+from ..evolution.cma_es import CmaState, ask, start_search, tell
+from ..evolution.ranking import rank_best_first
 from .pattern import SECONDS, find_pattern
 
 Progress = Callable[[str, float], None]
@@ -255,8 +256,7 @@ def _start_searches(
     effort = search.effort
     genes, (count, _, seconds) = draw_first_genes(search), effort.rungs[0]
     scores = search.score_genes(genes, seconds)
-    order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
-    best = order[:count]
+    best = rank_best_first(scores)[:count]
     lives = [(float(scores[i]), start_search(genes[i], effort.step)) for i in best]
     if start is not None and start.pattern == search.pattern.name:
         lives[-1] = (np.inf, start_search(start.genes, effort.step_again))

@@ -15,7 +15,7 @@ from ..body.legged import LeggedRobot
 from ..damage.apply import build_damaged_plants, reduce_damages
 from ..damage.kinds import KINDS, Damage
 from ..engine.reflex import simulate_controllers
-from ..gait.genetic import Score
+from ..evolution.genetic import Score
 
 GENES, VALUES = 4, 4
 ESTIMATED_KINDS = tuple(kind.name for kind in KINDS.values() if kind.is_estimated)

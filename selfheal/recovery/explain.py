@@ -25,6 +25,7 @@ from ..engine.reflex import (
     scale_physics,
     simulate_controllers,
 )
+from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t, compute_posterior
 from .estimate import ESTIMATED_KINDS, Hypothesis, Trial
 
@@ -219,7 +220,7 @@ def estimate_damage(
     best = sorted(weights, key=lambda h: -weights[h])[:_FINALISTS]
     total = seen.compute_log_weights(best, STEPS)
     chance = compute_posterior(total)
-    order = np.argsort(-chance, kind="stable")
+    order = rank_best_first(chance)
     progress(1.0)
     return HypothesisPosterior(tuple(best[k] for k in order), chance[order], seen.scale)
 
@@ -260,7 +261,7 @@ def _screen_hypotheses(
 ) -> list[Hypothesis]:
     """Those that explain the first second of the trials best."""
     weight = seen.compute_log_weights(hypotheses, _SCREEN_STEPS)
-    order = np.argsort(-weight, kind="stable")[:_SCREENED]
+    order = rank_best_first(weight)[:_SCREENED]
     return [hypotheses[k] for k in order]
 
 

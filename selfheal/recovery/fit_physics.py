@@ -21,7 +21,8 @@ from ..engine.reflex import (
     scale_physics,
     simulate_controllers,
 )
-from ..gait.cma_es import CmaState, ask, start_search, tell
+from ..evolution.cma_es import CmaState, ask, start_search, tell
+from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t
 
 Progress = Callable[[float], None]
@@ -100,8 +101,7 @@ def _extend_horizon(
         searches = list(map(tell, searches, drawn, scores))
         for k in np.flatnonzero(scores.max(axis=1) > best):
             best[k], means[k] = scores[k].max(), drawn[k][scores[k].argmax()]
-    order = np.argsort(-best, kind="stable")
     return [
         replace(searches[k], mean=means[k], sigma=max(searches[k].sigma, _LEAST_STEP))
-        for k in order
+        for k in rank_best_first(best)
     ]

@@ -8,6 +8,7 @@ import numpy as np
 from ..body.body import Anatomy, Floats, Ints
 from ..damage.kinds import INTACT, KINDS, Damage
 from ..damage.words import list_names
+from ..evolution.ranking import rank_best_first
 
 # Prior of each kind, spread evenly over its targets; chosen: an alarm is seldom false,
 # and nothing else is likelier than another.
@@ -67,7 +68,7 @@ def refine_damages(
     names, group = group_damages(damages)
     peak = np.array([log_weight[group == g].max() for g in range(len(names))])
     new: list[Damage] = []
-    for g in np.argsort(-peak, kind="stable")[:count]:
+    for g in rank_best_first(peak)[:count]:
         if peak[g] < peak.max() - 6:  # hardly believed any more; chosen
             continue
         members = [k for k in range(len(damages)) if group[k] == g]

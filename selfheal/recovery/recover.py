@@ -8,6 +8,7 @@ trial-K. Without a model: hardware (evolution on the robot) in their place.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,14 @@ import numpy as np
 from ..body.body import Floats
 from ..damage.apply import build_damaged_plants
 from ..engine.reflex import Rollouts, scale_physics, simulate_controllers
-from ..gait.genetic import (
-    KEPT,
-    MUTATION,
+from ..evolution.genetic import (
+    Breeding,
     Population,
     Score,
     evolve_population,
     start_population,
 )
+from ..evolution.ranking import rank_best_first
 from ..robot.driven_robot import DrivenRobot
 from .belief import CandidateAction, choose_action
 from .estimate import (
@@ -47,7 +48,9 @@ from .recover_run import (
 )
 
 HARDWARE_GENERATIONS = 70  # generations on the robot itself (overview.txt 4.4)
-_MUTATION = 0.03  # of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
+AS_DESCRIBED = Breeding()
+# of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
+OURS = replace(AS_DESCRIBED, mutation=0.03)
 _SEEDS_PER_SEARCH = (
     10  # of the best controllers of each search before; chosen: all crowd the new
 )
@@ -105,6 +108,7 @@ class RecoverPhases:
         self.intact, self.damaged = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
+        self.no_seeds = np.empty((0, self.legged.synapses))  # a search from nothing
         self.no_scaling = np.ones(2 + len(self.legged.motors))  # the model, not scaled
 
     def run_next(self, run: RecoverRun) -> tuple[str, Phase] | None:
@@ -130,9 +134,8 @@ class RecoverPhases:
         self, name: str, run: RecoverRun, rng: np.random.Generator
     ) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
-        pool = self._run_search(
-            name, self._make_displacement_score([((), 1.0)], self.no_scaling), rng, None
-        )
+        score = self._make_displacement_score([((), 1.0)], self.no_scaling)
+        pool = self._run_search(name, score, rng, self.no_seeds, AS_DESCRIBED)
         walk = self.intact.run_trials(pool.genomes[:1])
         found = {
             **_serialize_population(pool),
@@ -165,15 +168,10 @@ class RecoverPhases:
         """What may have broken."""
         if self.settings.method == "ours":
             return self._estimate_from_series(name, run, rng)
-        earlier = [p["genome"] for p in run.estimates]
+        earlier = np.array([p["genome"] for p in run.estimates])
+        seeds = earlier.reshape(-1, GENES * VALUES)
         score = make_damage_score(self.legged, run.trials)
-        pool = self._run_search(
-            name,
-            score,
-            rng,
-            np.array(earlier) if earlier else None,
-            size=GENES * VALUES,
-        )
+        pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
         (best,) = decode_hypotheses(pool.genomes[:1], self.legged)
         return {"believed": serialize_hypotheses([best]), "probability": [1.0],
                 "genome": pool.genomes[0], "best": pool.best,
@@ -214,20 +212,17 @@ class RecoverPhases:
             ]
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
-            seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
+            seeds = np.unique(np.concatenate(searched), axis=0)
+            seeds = self.no_seeds if afresh else seeds
             scaling = run.phases["original"]["trims"][0]
             score = self._make_displacement_score(_keep_plausible(believed), scaling)
-            pool = self._run_search(name, score, rng, seeds, mutation=_MUTATION)
+            pool = self._run_search(name, score, rng, seeds, OURS)
             scale = phase["scale"]
             pick, why = self._choose_separating(pool, believed, scaling, scale, rng)
         else:
             seeds = np.array([trial.weights for trial in run.trials])
-            pool = self._run_search(
-                name,
-                self._make_displacement_score(believed, self.no_scaling),
-                rng,
-                seeds,
-            )
+            score = self._make_displacement_score(believed, self.no_scaling)
+            pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
             pick, why = 0, "the best one"
         return {
             **_serialize_population(pool),
@@ -247,7 +242,7 @@ class RecoverPhases:
         score = self._make_displacement_score(
             [((), 1.0)], run.phases["original"]["trims"][0]
         )
-        pool = self._run_search(name, score, rng, None, mutation=_MUTATION)
+        pool = self._run_search(name, score, rng, self.no_seeds, OURS)
         return {**_serialize_population(pool), "weights": pool.genomes[0],
                 "why": "another gait of the whole robot",
                 "predicted": float(pool.scores[0])}  # fmt: skip
@@ -277,9 +272,9 @@ class RecoverPhases:
 
         kept = run.phases["original"]["pool"]
         ways = score(kept)
-        order = np.argsort(-ways, kind="stable")
+        order = rank_best_first(ways)
         pool = Population(kept[order], ways[order], ways[order[:1]], len(kept))
-        steps = evolve_population(pool, score, rng, HARDWARE_GENERATIONS)
+        steps = evolve_population(pool, score, rng, AS_DESCRIBED, HARDWARE_GENERATIONS)
         for step, pool in enumerate(steps):
             self.progress(
                 name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
@@ -296,14 +291,13 @@ class RecoverPhases:
         name: str,
         score: Score,
         rng: np.random.Generator,
-        seeds: Floats | None,
-        size: int = 0,
-        mutation: float = MUTATION,
+        seeds: Floats,
+        breeding: Breeding,
     ) -> Population:
-        """The search of 2004, of controllers if no other size is given."""
-        pool = start_population(size or self.legged.synapses, score, rng, seeds)
+        """The search of 2004, from what earlier ones found."""
+        pool = start_population(seeds, score, rng, breeding)
         count = self.settings.generations
-        steps = evolve_population(pool, score, rng, count - 1, mutation)
+        steps = evolve_population(pool, score, rng, breeding, count - 1)
         for step, pool in enumerate(steps):
             self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
         return pool
@@ -373,7 +367,8 @@ def _keep_plausible(
 
 def _serialize_population(pool: Population) -> dict[str, Any]:
     """What a phase keeps of a search."""
-    return {"pool": pool.genomes[:KEPT], "best": pool.best, "asked": pool.evaluations}
+    kept = pool.genomes[: AS_DESCRIBED.kept]
+    return {"pool": kept, "best": pool.best, "asked": pool.evaluations}
 
 
 def _serialize_rollout(drives: Rollouts) -> dict[str, Any]:

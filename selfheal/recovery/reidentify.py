@@ -12,6 +12,7 @@ from ..body.body import Floats, Ints
 from ..damage.kinds import Damage
 from ..engine.plant import Plant
 from ..engine.walk import list_channels
+from ..evolution.ranking import rank_best_first
 from .belief import (
     CandidateAction,
     ResidualNoise,
@@ -230,7 +231,7 @@ class DamagePosterior:
         names, group = group_damages(self.damages)
         chance = sum_over_groups(compute_posterior(weight), group)
         best = []
-        for g in np.argsort(-chance, kind="stable"):
+        for g in rank_best_first(chance):
             members = np.flatnonzero(group == g)
             damage = self.damages[members[np.argmax(weight[members])]]
             best.append((damage, float(chance[g])))

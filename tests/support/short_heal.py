@@ -48,7 +48,7 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
         patch(module, name, short)
     real = synthesis.draw_first_genes
     patch(synthesis, "draw_first_genes", lambda search: 0 * real(search) + GENES)
-    patch(plausible_plants, "_KEPT", 1)
+    patch(plausible_plants, "KEPT", 1)
     patch(phases, "list_damages", list_few_damages)
     for page in (heal_page, hours_page):
         patch(page, "make_film", lambda *args, **more: "")
