@@ -33,15 +33,11 @@ Progress = Callable[[float], None]
 
 MOST_DAMAGES = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
-_FIRST_BEAM, _BEAM_DECAY = (
-    24,
-    0.7,
-)  # single ones whose values move, and how fast they get fewer
+# single ones whose values move, and how fast they get fewer
+_FIRST_BEAM, _BEAM_DECAY = 24, 0.7
 COMPARED_STEPS = 300  # steps on which hypotheses are compared while they grow; chosen
-_SCREEN_STEPS, _SCREENED = (
-    100,
-    200,
-)  # steps after which so many of a size are left; chosen
+# steps after which so many of a size are left; chosen
+_SCREEN_STEPS, _SCREENED = 100, 200
 _FINALISTS = 24  # hypotheses that are compared on whole series; chosen
 _VARIANTS = 2  # values of one hypothesis that are moved; chosen
 _ROUNDS = 10  # of smaller steps in values; chosen

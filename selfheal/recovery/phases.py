@@ -1,9 +1,8 @@
 """The phases of a heal: what is known so far in, the next phase out."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from ..robot.base import Walker
 from ..robot.read_channels import read_channels, read_orientation, read_position
 from .hypotheses import list_damages
 from .monitor import learn_baseline, watch_walk
-from .phased_run import Phase
+from .phased_run import Document, Phase, Progress
 from .plausible_plants import find_plausible_plants
 from .probes import list_probes
 from .record import HealRun, HealSettings, read_gait, serialize_gait
@@ -39,17 +38,13 @@ from .reidentify import DamagePosterior, TakenAction
 LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
 _MOST_WALKS = 3  # such walks until it is given up that something is wrong; chosen
-_MOST_HYPOTHESES, _LEAST_PROBABILITY = (
-    4,
-    0.05,
-)  # hypotheses that the new gait has to suit; chosen
+# hypotheses that the new gait has to suit; chosen
+_MOST_HYPOTHESES, _LEAST_PROBABILITY = 4, 0.05
 ROWS = round(SECONDS / SAMPLE)
 # Of the tenth percentile of the distance that is predicted, a robot that goes less has
 # another body than the gait was made for; chosen
 _FAR_ENOUGH = 0.5
 _MOST_SHOWN = 6  # hypotheses in the result
-
-Progress = Callable[[str, str, float], None]
 
 
 @dataclass(frozen=True)
@@ -309,7 +304,7 @@ class HealPhases:
             distances.append(self._walk_damaged(gait, 150 + k)["distance"])
         return rivals[int(np.argmax(np.nan_to_num(distances, nan=-np.inf)))]
 
-    def _walk_damaged(self, gait: Gait, trial: int) -> dict[str, Any]:
+    def _walk_damaged(self, gait: Gait, trial: int) -> Document:
         """A gait on the broken robot: its path, and how far it came."""
         walked = self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
         path = self._extract_path(walked)
@@ -317,7 +312,7 @@ class HealPhases:
 
     def _walk_both_gaits(self, done: Mapping[str, Phase]) -> Phase:
         """The old and the new gait on the broken robot."""
-        found: dict[str, Any] = {}
+        found: Document = {}
         both = {"damaged": "gait", "healed": "healed"}
         for k, (what, name) in enumerate(both.items()):
             self.progress("walked", f"{name} on the broken robot", 0.5 * k)
@@ -342,7 +337,7 @@ class HealPhases:
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 
 
-def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
+def _list_beliefs(doubt: DamagePosterior) -> list[Document]:
     """The likeliest hypotheses, most likely first, as a phase keeps them."""
     return [
         _format_hypothesis(damage, chance)
@@ -350,17 +345,17 @@ def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
     ]
 
 
-def _format_hypothesis(damage: Damage, chance: float) -> dict[str, Any]:
+def _format_hypothesis(damage: Damage, chance: float) -> Document:
     """A hypothesis as a phase keeps it."""
     extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
     return {**damage.document, **extra}
 
 
-def describe_belief(believed: Mapping[str, Any]) -> str:
+def describe_belief(believed: Document) -> str:
     """A hypothesis with its probability, in words."""
     return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
-def read_damage(believed: Mapping[str, Any]) -> Damage:
+def read_damage(believed: Document) -> Damage:
     """The damage of a hypothesis that a phase keeps."""
     return Damage(**{k: v for k, v in believed.items() if k != "probability"})

@@ -7,9 +7,8 @@ there are only explore-K, a gait of the whole robot from a search of its own, an
 trial-K. Without a model: hardware (evolution on the robot) in their place.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -36,7 +35,7 @@ from .estimate import (
 )
 from .explain import estimate_damage
 from .fit_physics import fit_physics
-from .phased_run import Phase, run_phases
+from .phased_run import Document, Phase, Progress, ignore_progress, run_phases
 from .predictive_check import is_refuted
 from .recover_run import (
     RecoverRun,
@@ -51,19 +50,15 @@ HARDWARE_GENERATIONS = 70  # generations on the robot itself (overview.txt 4.4)
 AS_DESCRIBED = Breeding()
 # of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
 OURS = replace(AS_DESCRIBED, mutation=0.03)
-_SEEDS_PER_SEARCH = (
-    10  # of the best controllers of each search before; chosen: all crowd the new
-)
+# of the best controllers of each search before; chosen: all crowd the new
+_SEEDS_PER_SEARCH = 10
 _SURE_PROBABILITY, _LEAST_PROBABILITY = 0.95, 0.05  # of a hypothesis; chosen
 _MOST_HYPOTHESES = 3  # hypotheses that a controller has to suit; chosen
 # A trial that separates hypotheses is one of so many controllers, of which none is
 # predicted to lose more than this share of the best one's way; chosen
 _CANDIDATES, _LEAST_SHARE, _MOST_SEPARATED = 12, 0.7, 8
-_SAMPLE_STRIDE = (
-    10  # samples of a series for one that is compared in choosing: half a second
-)
-
-Progress = Callable[[str, str, float], None]
+# samples of a series for one that is compared in choosing: half a second
+_SAMPLE_STRIDE = 10
 
 
 def recover_robot(
@@ -71,7 +66,7 @@ def recover_robot(
     settings: RecoverSettings,
     *,
     run: RecoverRun | None = None,
-    progress: Progress = lambda phase, what, share: None,
+    progress: Progress = ignore_progress,
 ) -> Iterator[RecoverRun]:
     """Walk, break, find out what broke, walk again; a yield a phase, result at the end.
 
@@ -86,7 +81,7 @@ def recover_robot(
 def _find_next_phase(run: RecoverRun) -> str:
     """The name of the next phase; none at the end."""
     settings, done = run.settings, list(run.phases)
-    left = run.list_next_phases(settings, done)
+    left = run.list_next_phases(done)
     tried = len(run.trials) - 1
     if settings.method != "ours" or tried < 1 or done[-1].startswith("explore"):
         return left[0] if left else ""
@@ -137,11 +132,7 @@ class RecoverPhases:
         score = self._make_displacement_score([((), 1.0)], self.no_scaling)
         pool = self._run_search(name, score, rng, self.no_seeds, AS_DESCRIBED)
         walk = self.intact.run_trials(pool.genomes[:1])
-        found = {
-            **_serialize_population(pool),
-            "weights": pool.genomes[0],
-            **_serialize_rollout(walk),
-        }
+        found = _describe_walk(pool, walk)
         if self.settings.method == "ours":
             found["trims"] = self._fit_physics(name, found, rng)
         return found
@@ -173,9 +164,13 @@ class RecoverPhases:
         score = make_damage_score(self.legged, run.trials)
         pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
         (best,) = decode_hypotheses(pool.genomes[:1], self.legged)
-        return {"believed": serialize_hypotheses([best]), "probability": [1.0],
-                "genome": pool.genomes[0], "best": pool.best,
-                "asked": pool.evaluations}  # fmt: skip
+        return {
+            "believed": serialize_hypotheses([best]),
+            "probability": [1.0],
+            "genome": pool.genomes[0],
+            "best": pool.best,
+            "asked": pool.evaluations,
+        }
 
     def _estimate_from_series(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -191,10 +186,13 @@ class RecoverPhases:
             self.legged, whole["trims"], run.trials, whole["sensed"], known, report
         )
         refuted = bool(list(run.phases.values())[-1].get("refuted"))
-        return {"believed": serialize_hypotheses(belief.hypotheses),
-                "probability": belief.probability.tolist(), "scale": belief.scale,
-                "unlisted": refuted and is_refuted(self.legged, whole["trims"], belief,
-                                                   run.trials, rng)}  # fmt: skip
+        return {
+            "believed": serialize_hypotheses(belief.hypotheses),
+            "probability": belief.probability.tolist(),
+            "scale": belief.scale,
+            "unlisted": refuted
+            and is_refuted(self.legged, whole["trims"], belief, run.trials, rng),
+        }
 
     def _evolve_controller(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -224,12 +222,7 @@ class RecoverPhases:
             score = self._make_displacement_score(believed, self.no_scaling)
             pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
             pick, why = 0, "the best one"
-        return {
-            **_serialize_population(pool),
-            "weights": pool.genomes[pick],
-            "why": why,
-            "predicted": float(pool.scores[pick]),
-        }
+        return _describe_choice(pool, pick, why)
 
     def _evolve_another(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -243,9 +236,7 @@ class RecoverPhases:
             [((), 1.0)], run.phases["original"]["trims"][0]
         )
         pool = self._run_search(name, score, rng, self.no_seeds, OURS)
-        return {**_serialize_population(pool), "weights": pool.genomes[0],
-                "why": "another gait of the whole robot",
-                "predicted": float(pool.scores[0])}  # fmt: skip
+        return _describe_choice(pool, 0, "another gait of the whole robot")
 
     def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """The last controller on the broken robot."""
@@ -279,12 +270,7 @@ class RecoverPhases:
             self.progress(
                 name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
             )
-        walk = self.damaged.run_trials(pool.genomes[:1])
-        return {
-            **_serialize_population(pool),
-            "weights": pool.genomes[0],
-            **_serialize_rollout(walk),
-        }
+        return _describe_walk(pool, self.damaged.run_trials(pool.genomes[:1]))
 
     def _run_search(
         self,
@@ -365,13 +351,25 @@ def _keep_plausible(
     return [(h, p / total) for h, p in kept]
 
 
-def _serialize_population(pool: Population) -> dict[str, Any]:
+def _describe_choice(pool: Population, pick: int, why: str) -> Phase:
+    """What a phase keeps of a search, and of the controller that is tried next."""
+    chosen = {"weights": pool.genomes[pick], "predicted": float(pool.scores[pick])}
+    return {**_serialize_population(pool), **chosen, "why": why}
+
+
+def _describe_walk(pool: Population, walk: Rollouts) -> Document:
+    """What a phase keeps of a search, and of a run under its best controller."""
+    best = {"weights": pool.genomes[0]}
+    return {**_serialize_population(pool), **best, **_serialize_rollout(walk)}
+
+
+def _serialize_population(pool: Population) -> Phase:
     """What a phase keeps of a search."""
     kept = pool.genomes[: AS_DESCRIBED.kept]
     return {"pool": kept, "best": pool.best, "asked": pool.evaluations}
 
 
-def _serialize_rollout(drives: Rollouts) -> dict[str, Any]:
+def _serialize_rollout(drives: Rollouts) -> Document:
     """What a phase keeps of one run of the robot."""
-    return {"way": float(drives.displacement[0]), "sensed": drives.sensors[0],
-            "path": drives.path[0]}  # fmt: skip
+    way = float(drives.displacement[0])
+    return {"way": way, "sensed": drives.sensors[0], "path": drives.path[0]}
