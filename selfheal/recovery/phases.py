@@ -1,6 +1,6 @@
 """The phases of a heal: what is known so far in, the next phase out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 
@@ -112,36 +112,28 @@ class HealPhases:
     def run_next(self, run: HealRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
         done = run.phases
-        first = {
+        steps = {
             "gait": self._make_first_gait,
             "whole": self._walk_intact,
             "alarm": self._watch_for_alarm,
-        }
-        for name, phase in first.items():
-            if name not in done:
-                return name, phase(done)
-        if "verdict" not in done:
-            doubt = self._restore_posterior(run)
-            if done["alarm"]["alarm"] and not doubt.is_done:
-                name, asked = (
-                    f"ask-{len(doubt.taken) + 1:02d}",
-                    self._take_action(doubt),
-                )
-                if asked:
-                    return name, asked
-            return "verdict", self._conclude_damage(run, doubt)
-        last = {
+            "verdict": self._conclude_damage,
             "healed": self._make_healed_gait,
             "walked": self._walk_both_gaits,
-            **({"first": self._walk_first_gait} if self.past.first
-               else {"known": self._walk_informed_gait}),
-        }  # fmt: skip
-        for name, phase in last.items():
-            if name not in done:
-                return name, phase(done)
-        return None
+            "first": self._walk_first_gait,
+            "known": self._walk_informed_gait,
+        }
+        del steps["first" if self.past.first is None else "known"]
+        name = next((name for name in steps if name not in done), None)
+        if name is None:
+            return None
+        if name == "verdict" and done["alarm"]["alarm"]:
+            doubt = self._restore_posterior(run)
+            asked = None if doubt.is_done else self._take_action(doubt)
+            if asked:
+                return f"ask-{len(doubt.taken):02d}", asked
+        return name, steps[name](run)
 
-    def _make_first_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_first_gait(self, run: HealRun) -> Phase:
         """A gait for the whole robot."""
         likely = LikelyPlants(self.plants, self.weights)
         report = partial(self.progress, "gait")
@@ -170,9 +162,9 @@ class HealPhases:
         last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
-    def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_intact(self, run: HealRun) -> Phase:
         """It walks, and the monitor learns how it walks while whole."""
-        gait = read_gait(done["gait"])
+        gait = read_gait(run.phases["gait"])
         self.progress("whole", "walking", 0.0)
         walked = self._walk_robot(self.robots.intact, gait, LEARNING_TIME, 0)
         path = self._extract_path(walked)
@@ -184,8 +176,8 @@ class HealPhases:
                 f"{gait.high:.2f}): it has another body, so that no damage could be "
                 "told; would fit: a run of identify with more cycles, or more sensors"
             )
-        return {**path, "distance": distance,
-                "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
+        felt = read_channels(walked, self.anatomy)[1]
+        return {**path, "distance": distance, "felt": felt}
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""
@@ -194,11 +186,11 @@ class HealPhases:
             simulate_walks(self.plants[:1], commands), self.plants[:1]
         )[0]
 
-    def _watch_for_alarm(self, done: Mapping[str, Phase]) -> Phase:
+    def _watch_for_alarm(self, run: HealRun) -> Phase:
         """It walks on, breaks at some time, and notices."""
-        gait = read_gait(done["gait"])
+        gait = read_gait(run.phases["gait"])
         predicted = self._predict_channels(gait, WATCHING_TIME)
-        measured = done["whole"]["felt"]
+        measured = run.phases["whole"]["felt"]
         known = learn_baseline(
             measured, predicted[: len(measured)], gait.cycle, self.channels
         )
@@ -261,21 +253,27 @@ class HealPhases:
         trial = self.past.trials + 100 + k
         walked = self.robots.damaged.move(action.commands, trial=trial)
         doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
-        return {"probe": probe, "why": action.description, "expected": left,
-                "values": doubt.taken[-1].measured,
-                "believed": _list_beliefs(doubt)}  # fmt: skip
+        return {
+            "probe": probe,
+            "why": action.description,
+            "expected": left,
+            "values": doubt.taken[-1].measured,
+            "believed": _list_beliefs(doubt),
+        }
 
-    def _conclude_damage(self, run: HealRun, doubt: DamagePosterior) -> Phase:
+    def _conclude_damage(self, run: HealRun) -> Phase:
         """What happened."""
         if run.phases["alarm"]["alarm"] is None:
             return {"believed": [_format_hypothesis(INTACT, 1.0)]}
+        doubt = self._restore_posterior(run)
         self.progress("verdict", "finding how much", 0.0)
         doubt.refine_values()
         return {"believed": _list_beliefs(doubt)}
 
-    def _make_healed_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_healed_gait(self, run: HealRun) -> Phase:
         """A new gait for what the robot is now believed to be."""
-        old, believed = read_gait(done["gait"]), done["verdict"]["believed"]
+        old = read_gait(run.phases["gait"])
+        believed = run.phases["verdict"]["believed"]
         likely = [
             b
             for b in believed[:_MOST_HYPOTHESES]
@@ -285,9 +283,8 @@ class HealPhases:
             return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
         for b in likely:
-            for plant, weight in zip(self.plants, self.weights, strict=True):
-                plants.append(apply_damages(plant, read_damage(b)))
-                weights.append(b["probability"] * weight)
+            plants += [apply_damages(plant, read_damage(b)) for plant in self.plants]
+            weights += [b["probability"] * weight for weight in self.weights]
         gait = self._try_gaits("healed", LikelyPlants(plants, weights), old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
@@ -310,29 +307,31 @@ class HealPhases:
         path = self._extract_path(walked)
         return {**path, "distance": self._measure_distance(path["position"])}
 
-    def _walk_both_gaits(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_both_gaits(self, run: HealRun) -> Phase:
         """The old and the new gait on the broken robot."""
         found: Document = {}
         both = {"damaged": "gait", "healed": "healed"}
         for k, (what, name) in enumerate(both.items()):
             self.progress("walked", f"{name} on the broken robot", 0.5 * k)
-            walk = self._walk_damaged(read_gait(done[name]), 200 + k)
+            walk = self._walk_damaged(read_gait(run.phases[name]), 200 + k)
             found[what] = walk.pop("distance")
             found |= {f"{what}_{key}": values for key, values in walk.items()}
         return found
 
-    def _walk_first_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_first_gait(self, run: HealRun) -> Phase:
         """For the report alone: the whole robot's gait on what the robot is now."""
         assert self.past.first is not None
         return self._walk_damaged(self.past.first, 203)
 
-    def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_informed_gait(self, run: HealRun) -> Phase:
         """For the report alone: what is found knowing the true damaged body, walked."""
         truth = self.robots.damaged.truth
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self._try_gaits("known", LikelyPlants([plant]), read_gait(done["gait"]))
+        gait = self._try_gaits(
+            "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
+        )
         walk = self._walk_damaged(gait, 202)
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 
