@@ -234,7 +234,7 @@ def _grow_hypotheses(
             return
         before = max(weights.values())
         grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
-                 if _adds_target(h, d))  # fmt: skip
+                 if d.place not in _strip_values(h))  # fmt: skip
         new = [h for h in dict.fromkeys(grown) if h not in weights]
         if not new:
             return
@@ -314,11 +314,6 @@ def _vary_values(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
             value = float(np.clip(damage.value + shift, by.low, by.high))
             other = replace(damage, value=value, azimuth=damage.azimuth + turned)
             yield (*hypothesis[:k], other, *hypothesis[k + 1 :])  # itself too
-
-
-def _adds_target(hypothesis: Hypothesis, damage: Damage) -> bool:
-    """Whether a damage is none that a hypothesis has already, with any value."""
-    return damage.place not in _strip_values(hypothesis)
 
 
 def _subdivide_damage(damage: Damage) -> Iterator[Damage]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Floats, Ints
+from ..damage.apply import apply_damages
 from ..damage.kinds import Damage
 from ..engine.plant import Plant
 from ..engine.walk import list_channels
@@ -29,7 +30,6 @@ from .plausible_plants import PlausiblePlants, predict_walk
 from .probes import (
     DRIFT,
     Probe,
-    apply_each_damage,
     approximate_values,
     compute_slopes,
     extract_values,
@@ -85,7 +85,7 @@ class DamagePosterior:
 
     def __post_init__(self) -> None:
         """Lay out the hypotheses' plants."""
-        self._plants = apply_each_damage(self.plant, self.damages)
+        self._plants = [apply_damages(self.plant, d) for d in self.damages]
         self._names = list_channels(self.plant.body.anatomy).names
         self._scales = [
             widen_scale(
@@ -151,11 +151,6 @@ class DamagePosterior:
             return group
         return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
 
-    def _needs_size(self) -> bool:
-        """Whether it is a part's scale, and how much is not measured enough yet."""
-        kind = self.rank_damages()[0][0].kind
-        return kind == "part_scale" and len(self.taken) < _SIZE_ACTIONS
-
     def _approximate(self, first: int, probe: Probe) -> Floats:
         """(H - first, K, M) what hypotheses from `first` on are guessed to show."""
         if probe.target is not None:
@@ -215,7 +210,7 @@ class DamagePosterior:
         """Add hypotheses between the best ones; whether there were any."""
         new = refine_damages(self.damages, self.compute_log_weights(), count)
         self.damages += new
-        self._plants += apply_each_damage(self.plant, new)
+        self._plants += [apply_damages(self.plant, damage) for damage in new]
         for action in self.taken:
             self._extend_table(self._tables, action.probe, self._predict)
             self._extend_table(self._slopes, action.probe, self._compute_slopes)
@@ -227,7 +222,7 @@ class DamagePosterior:
         The probability is that of all values of this kind and target together.
         """
         weight = self.compute_log_weights()
-        names, group = group_damages(self.damages)
+        _, group = group_damages(self.damages)
         chance = sum_over_groups(compute_posterior(weight), group)
         best = []
         for g in rank_best_first(chance):
@@ -241,6 +236,7 @@ class DamagePosterior:
         """Whether it is sure enough, or has acted enough."""
         if len(self.taken) < _FEWEST_ACTIONS:
             return False
-        if self.rank_damages()[0][1] >= SURE:
-            return not self._needs_size()
+        best, chance = self.rank_damages()[0]
+        if chance >= SURE:  # how much is left of a part takes more to measure
+            return best.kind != "part_scale" or len(self.taken) >= _SIZE_ACTIONS
         return len(self.taken) >= MOST_ACTIONS

@@ -1,10 +1,8 @@
 """A trial of a walk: a self-modeling run and its robot in, a gait walked on it out."""
 
-from typing import Any
-
 import numpy as np
 
-from ..body.body import GRAVITY, Bodies
+from ..body.body import GRAVITY
 from ..engine.plant import build_rated_plant
 from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies
@@ -20,11 +18,10 @@ from ..gait.synthesis import (
 from ..robot.base import Walker
 from ..robot.read_channels import read_position
 from ..selfmodel.run import Run
+from .phased_run import Document
 
 
-def walk_trial(
-    run: Run, robot: Walker, task: GaitTask, progress: Progress
-) -> dict[str, Any]:
+def walk_trial(run: Run, robot: Walker, task: GaitTask, progress: Progress) -> Document:
     """Synthesize a gait from what a run believes, and walk it on the robot.
 
     Returns:
@@ -38,7 +35,10 @@ def walk_trial(
     path = read_position(robot.move(gait.commands(run.anatomy.size)))
     along, across = project_on_heading(path[-1], task.heading)
     energy = float(walk_gait(plants[:1], gait).energy[0])
-    cost = energy / (_sum_masses(models) * GRAVITY * max(gait.predicted, 1e-3))
+    known = models.anatomy
+    parts = np.sum(models.mass[0]) + np.sum(known.block_mass)
+    weight = GRAVITY * (known.torso_mass + float(parts))
+    cost = energy / (weight * max(gait.predicted, 1e-3))
     return {
         "format": "selfheal-gait",
         "version": 1,
@@ -62,10 +62,3 @@ def walk_trial(
         "simulations": gait.simulations,
         "failed": gait.failed,
     }
-
-
-def _sum_masses(models: Bodies) -> float:
-    """Mass of the first body of a batch, its torso and motor blocks with it [kg]."""
-    known = models.anatomy
-    parts = np.sum(models.mass[0]) + np.sum(known.block_mass)
-    return known.torso_mass + float(parts)
