@@ -92,9 +92,9 @@ def list_scenarios() -> Iterable[str]:
 
 def list_damages() -> Iterable[str]:
     """Beginnings of what can happen to a robot that `heal` walks."""
-    from selfheal.body.damage import KIND_WORDS
+    from selfheal.damage.words import WORDS
 
-    return [f"{word}:" for word in (*KIND_WORDS, "random")]
+    return [f"{word}:" for word in (*WORDS, "random")]
 
 
 def list_examples() -> Iterable[str]:

@@ -64,6 +64,7 @@ def gait(
 ) -> None:
     """Make a gait from a self-model and walk it on the robot."""
     from selfheal.api.healing import check_gait_settings, load_identified
+    from selfheal.gait.synthesis import GaitTask
     from selfheal.recovery.walk_trial import walk_trial
 
     _check_heading(heading)
@@ -74,9 +75,7 @@ def gait(
         trial = walk_trial(
             found,
             robot,
-            name=gait,
-            heading=math.radians(heading),
-            seed=seed,
+            GaitTask(gait, math.radians(heading), seed),
             progress=partial(_PhaseProgress(live, {"gait": _SECONDS["gait"]}), "gait"),
         )
     trial |= {"seconds": round(time.perf_counter() - start, 1), "run": str(run)}

@@ -183,7 +183,7 @@ class _RunProgress:
 
         first, s = self.scenario is None, run.settings
         self.scenario = s.scenario
-        self.phases, self.may_end = run.list_phases(s), s.method == "ours"
+        self.phases, self.may_end = run.list_phases(), s.method == "ours"
         if run.result:
             return
         if first:

@@ -17,7 +17,13 @@ from selfheal.body.genome import build_bodies
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.engine.plant import Plant, build_rated_plant
 from selfheal.engine.walk import PERIOD, SAMPLE
-from selfheal.gait.synthesis import project_on_heading, synthesize_gaits, walk_gait
+from selfheal.gait.synthesis import (
+    GaitTask,
+    LikelyPlants,
+    project_on_heading,
+    synthesize_gaits,
+    walk_gait,
+)
 from selfheal.recording import Episode, Recording
 from selfheal.robot.open_robot import open_robot
 from selfheal.robot.simulated import SimulatedRobot
@@ -92,7 +98,7 @@ def _compare_walks(
 ) -> dict[str, Any]:
     """How a gait walks, and how far models say; joints' errors over its ten seconds."""
     rated = build_rated_plant(body)
-    (gait,) = synthesize_gaits([rated], seed=seed)
+    (gait,) = synthesize_gaits(LikelyPlants([rated]), GaitTask(seed=seed))
     commands = gait.commands(body.anatomy.size, _WALK)
     walked = robot.move(commands, trial=TRIAL).episodes["move"]
     end = walked.signals["torso_position"].values[-1]

@@ -10,12 +10,15 @@ import numpy as np
 from benchmarks.suites import KeyedRuns
 from benchmarks.writer import INTACT
 from selfheal.body.body import measure_length_error
-from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.damage.apply import apply_damages
+from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import compute_channels, list_channels, rotate_into_frame
 from selfheal.gait.pattern import find_pattern
 from selfheal.gait.rival_bodies import select_rival_bodies
 from selfheal.gait.synthesis import (
     Gait,
+    GaitTask,
+    LikelyPlants,
     project_on_heading,
     synthesize_gaits,
     walk_gait,
@@ -97,10 +100,8 @@ def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
     start = time.perf_counter()
     (gait,) = synthesize_gaits(
-        [build_rated_plant(load_published_body())],
-        name=name,
-        heading=heading,
-        seed=seed,
+        LikelyPlants([build_rated_plant(load_published_body())]),
+        GaitTask(name, heading, seed),
     )
     spent = time.perf_counter() - start
     walked = []
@@ -255,7 +256,8 @@ def _synthesize_known_gaits() -> list[Gait]:
         for seed in range(3):
             _GAITS.extend(
                 synthesize_gaits(
-                    [build_rated_plant(load_published_body())], seed=FIRST + 200 + seed
+                    LikelyPlants([build_rated_plant(load_published_body())]),
+                    GaitTask(seed=FIRST + 200 + seed),
                 )
             )
     return _GAITS

@@ -14,15 +14,16 @@ from unittest.mock import patch
 import numpy as np
 
 from benchmarks.writer import Section, make_parser, publish_results
-from selfheal.body.damage import parse_damages
+from selfheal.damage.apply import apply_damages
+from selfheal.damage.words import parse_damages
 from selfheal.diagnosis.estimation.covariance import _correlation_time
 from selfheal.diagnosis.output.localization import _correct_holm
 from selfheal.diagnosis.simulation.checkpoint import Checkpoint
-from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import rotate_into_frame
+from selfheal.evolution.cma_es import ask, start_search, tell
 from selfheal.gait import synthesis
-from selfheal.gait.cma_es import ask, start_search, tell
-from selfheal.gait.synthesis import synthesize_gaits
+from selfheal.gait.synthesis import GaitTask, LikelyPlants, synthesize_gaits
 from selfheal.report.page import make_table
 from selfheal.robot.actions import load_published_body
 
@@ -209,7 +210,7 @@ def search_with_cmaes(function: Callable[[np.ndarray], np.ndarray], seed: int) -
 
 
 class _CmaesState:
-    """The package cmaes behind the functions of `gait.cma_es`."""
+    """The package cmaes behind the functions of `evolution.cma_es`."""
 
     def __init__(self, mean: np.ndarray, sigma: float) -> None:
         from cmaes import CMA
@@ -236,17 +237,16 @@ def compare_gaits(seeds: int) -> list[tuple[str, str, str]]:
     rows = []
     for words in ("", "right_lower:0.3", "loss:left_lower"):
         damages = parse_damages(words, body.anatomy) if words else ()
-        plant = apply_damages(build_rated_plant(body), *damages)
-        own = [synthesize_gaits([plant], seed=k)[0].predicted for k in range(seeds)]
+        likely = LikelyPlants([apply_damages(build_rated_plant(body), *damages)])
+        tasks = [GaitTask(seed=seed) for seed in range(seeds)]
+        own = [synthesize_gaits(likely, task)[0].predicted for task in tasks]
         with patch.multiple(
             synthesis,
             start_search=_CmaesState,
             ask=lambda state, count, rng: state.ask(count, rng),
             tell=lambda state, points, scores: state.tell(points, scores),
         ):
-            other = [
-                synthesize_gaits([plant], seed=k)[0].predicted for k in range(seeds)
-            ]
+            other = [synthesize_gaits(likely, task)[0].predicted for task in tasks]
         means = [f"{np.mean(x):.2f} +- {np.std(x):.2f}" for x in (own, other)]
         rows.append((words or "whole", means[0], means[1]))
     return rows

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.suites import KeyedRuns
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, LeggedRobot, load_legged_robot
+from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
-from selfheal.gait.genetic import POPULATION, draw_values
+from selfheal.evolution.genetic import Breeding, draw_values
 from selfheal.recovery.estimate import Trial
 from selfheal.recovery.explain import estimate_damage, list_single_damages
 from selfheal.recovery.predictive_check import is_refuted
@@ -69,6 +69,6 @@ def _draw_damage(robot: LeggedRobot, rng: np.random.Generator) -> Damage:
 
 def _find_walkers(robot: LeggedRobot, rng: np.random.Generator) -> np.ndarray:
     """(2, synapses) weights with which the whole robot goes farthest of a few."""
-    weights = draw_values(POPULATION, robot.synapses, rng)
+    weights = draw_values(Breeding().population, robot.synapses, rng)
     walks = simulate_controllers(build_intact_plants(robot, len(weights)), weights)
     return weights[np.argsort(-walks.displacement)[:2]]

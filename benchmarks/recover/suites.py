@@ -14,10 +14,9 @@ from benchmarks.suites import KeyedRuns
 from benchmarks.writer import count_cores
 from selfheal.body.legged import LEGGED, load_legged_robot
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
-from selfheal.gait.genetic import (
+from selfheal.evolution.genetic import (
     GENERATIONS,
-    KEPT,
-    POPULATION,
+    Breeding,
     draw_values,
     evolve_population,
     start_population,
@@ -149,18 +148,20 @@ def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
         lambda: simulate_controllers(build_intact_plants(robot, 100), genomes),
     )
 
+    breeding = Breeding()
+
     def search() -> None:
         def score(asked: np.ndarray) -> np.ndarray:
             return simulate_controllers(
                 build_intact_plants(robot, len(asked)), asked
             ).displacement
 
-        pool = start_population(robot.synapses, score, rng)
-        *_, pool = evolve_population(pool, score, rng, GENERATIONS - 1)
+        pool = start_population(np.empty((0, robot.synapses)), score, rng, breeding)
+        *_, pool = evolve_population(pool, score, rng, breeding, GENERATIONS - 1)
         spent["asked"] = pool.evaluations
 
-    new = POPULATION - KEPT
-    timed("search", POPULATION + (GENERATIONS - 1) * new, search)
+    new = breeding.population - breeding.kept
+    timed("search", breeding.population + (GENERATIONS - 1) * new, search)
     return spent
 
 

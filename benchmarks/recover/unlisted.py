@@ -10,8 +10,8 @@ from unittest import mock
 
 import numpy as np
 
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LeggedRobot
+from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import Rollouts
 from selfheal.mujoco_files import silence_mujoco
 from selfheal.recovery import explain

@@ -10,7 +10,7 @@ from ..errors import InputError, check_seed
 from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
 
 if TYPE_CHECKING:
-    from ..body.damage import Damage
+    from ..damage.kinds import Damage
     from ..recovery.record import HealRun, HealSettings
     from ..robot.base import Robot, Walker
     from ..selfmodel.run import Run

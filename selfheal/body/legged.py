@@ -1,6 +1,5 @@
 """Legged robots that know their body: a name in; places, motors and sensors out."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
@@ -10,7 +9,6 @@ import numpy as np
 
 from ..errors import InputError, UnknownNameError
 from .changes import list_subtree
-from .damage import Damage
 
 if TYPE_CHECKING:
     import mujoco
@@ -105,9 +103,10 @@ class LeggedRobot:
         return {
             "body": self.parts,
             "joint": tuple(site.name for site in self.damage_sites),
-            "actuator": self.motors,
             "sensor": self.sensors,
+            "actuator": self.motors,
             "neuron": tuple(map(str, range(HIDDEN))),
+            "world": ("",),
         }
 
     @cached_property
@@ -149,30 +148,3 @@ def load_legged_robot(
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     return LeggedRobot(name, float(np.radians(reach)), apart, model)
-
-
-def reduce_damages(robot: LeggedRobot, damages: Sequence[Damage]) -> tuple[Damage, ...]:
-    """Damages in one order, without those that others among them already say.
-
-    Descendants of a lost part are lost, nothing of them jams or is driven, and the
-    angle sensor of a broken joint is gone.
-    """
-    kept = dict.fromkeys(damages)
-    for damage in damages:
-        if damage.kind == "limb_loss":
-            said = _list_implied_targets(robot, damage)
-            kept = {d: None for d in kept if d == damage or d.target not in said}
-    return tuple(sorted(kept, key=lambda d: (d.kind, d.target, d.value, d.azimuth)))
-
-
-def _list_implied_targets(robot: LeggedRobot, loss: Damage) -> set[str]:
-    """Targets of which the loss of a part says all."""
-    gone = robot.list_bodies_below(loss.name)
-    names = {robot.model.body(k).name for k in gone}
-    said = {f"body:{name}" for name in names}
-    said |= {f"joint:{p.name}" for p in robot.damage_sites if p.part in names}
-    for dof, motor in enumerate(robot.motors):
-        joint = robot.joint_of_motor(dof)
-        if int(joint.bodyid[0]) in gone:
-            said |= {f"actuator:{motor}", f"sensor:{joint.name}_position"}
-    return said

@@ -1,13 +1,12 @@
 """Plants: one way that a robot, its servos and its world may be, as numbers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..body.body import Anatomy, Bodies, Floats, scale_parts
-from ..body.changes import follow_with_play, limit_rate, list_subtree
-from ..body.damage import Damage
+from ..body.body import Anatomy, Bodies, Floats
+from ..body.changes import follow_with_play, limit_rate
 from ..body.mjcf import Physics
 from ..errors import InputError
 
@@ -18,9 +17,6 @@ _RANGE = {"hip": np.radians([-96.0, 74.0]), "knee": np.radians([-96.0, 94.0])}
 # Servos that give way: published_body.xml's. A step of 10 ms walks within 2.4 mm of
 # one of 2 ms (median of 48 gaits of 5 s) and is five times as fast.
 WALKING = Physics(timestep=0.01, kp=40.0, kv=0.6)
-_LOST_SCALE = (
-    0.02  # scale of a part that is gone: MuJoCo needs some size and mass; chosen
-)
 
 
 @dataclass(frozen=True)
@@ -97,69 +93,10 @@ def build_rated_plant(body: Bodies) -> Plant:
     )
 
 
-def list_lost_parts(body: Bodies, part: int) -> list[int]:
-    """A part (0..P-1) and all that hangs on it."""
-    nodes = list_subtree([-1, *body.parent[0]], part + 1)  # node 0 is the torso
-    return [node - 1 for node in nodes]
-
-
-def apply_damages(plant: Plant, *damages: Damage) -> Plant:
-    """The plant after these damages, in order."""
-    for damage in damages:
-        plant = replace(plant, **_compute_change(plant, damage))
-    return plant
-
-
-def _compute_change(plant: Plant, damage: Damage) -> dict:
-    """What one damage changes."""
-    anatomy, value, name = plant.body.anatomy, damage.value, damage.name
-    if damage.kind in ("part_scale", "limb_loss"):
-        part = anatomy.parts.index(name)
-        scale, least = np.ones((1, anatomy.size)), _LOST_SCALE / plant.body.thickness
-        if damage.kind == "part_scale":
-            scale[0, part] = max(value, least[0, part])
-        else:
-            lost = list_lost_parts(plant.body, part)
-            scale[0, lost] = least[0, lost]
-        return {"body": scale_parts(plant.body, scale)}
-    if damage.kind == "joint_jam":
-        return {"jam": _replace_element(plant.jam, anatomy.joints.index(name), value)}
-    if damage.kind == "weak_motor":
-        joint = anatomy.joints.index(name.removesuffix("_servo"))
-        weaker = {"torque": plant.torque, "speed": plant.speed}
-        return {
-            k: _replace_element(v, joint, v[joint] * value) for k, v in weaker.items()
-        }
-    if damage.kind in ("sensor_dead", "weak_sensor"):
-        factor = plant.gain.get(name, 1.0) * value  # a dead one's value is 0
-        return {"gain": {**plant.gain, name: factor}}
-    if damage.kind == "slope":
-        return {"slope": np.array([value, damage.azimuth])}
-    if damage.kind == "ground_friction":
-        return {"physics": replace(plant.physics, friction=value)}
-    return {}
-
-
-def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
-    """Targets of damages that can change nothing more after some damages."""
-    gone, anatomy = set[str](), body.anatomy
-    for damage in damages:
-        if damage.kind == "limb_loss":
-            for k in list_lost_parts(body, anatomy.parts.index(damage.name)):
-                part, joint = anatomy.parts[k], anatomy.joints[k]
-                gone |= {f"body:{part}", f"sensor:{part}_touch", f"joint:{joint}"}
-                gone |= {f"actuator:{joint}_servo", f"sensor:{joint}_position"}
-        elif damage.kind == "joint_jam":
-            gone |= {damage.target, f"actuator:{damage.name}_servo"}
-        elif damage.kind == "sensor_dead":
-            gone.add(damage.target)
-    return gone
-
-
 def list_motions(plants: Sequence[Plant]) -> tuple[list[Plant], list[int]]:
     """Plants (M) that move differently, and which of them each of N moves as.
 
-    Plants made from one by `apply_damages` share what no damage changed.
+    Plants made from one by damages share what no damage changed.
     """
     moving = [f.name for f in fields(Plant) if f.name != "gain"]
     keys = [tuple(id(getattr(plant, name)) for name in moving) for plant in plants]
@@ -168,13 +105,6 @@ def list_motions(plants: Sequence[Plant]) -> tuple[list[Plant], list[int]]:
         different.setdefault(key, plant)
     place = {key: k for k, key in enumerate(different)}
     return list(different.values()), [place[key] for key in keys]
-
-
-def _replace_element(values: Floats, index: int, value: float) -> Floats:
-    """A copy with one element changed."""
-    out = values.copy()
-    out[index] = value
-    return out
 
 
 def compute_set_points(

@@ -7,20 +7,13 @@ sensor's factor stands between it and the network. Between two steps all network
 evaluated at once. MJX was measured instead: docs/how-recover-works.md.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..body.body import Floats, Rows
-from ..body.changes import (
-    AIR_DENSITY,
-    LOST_SHARE,
-    compute_direction,
-    tilt_gravity,
-)
-from ..body.damage import Damage
+from ..body.changes import AIR_DENSITY, LOST_SHARE
 from ..body.legged import HIDDEN, LeggedRobot
 from ..machine import count_cores
 from .network import build_networks
@@ -114,17 +107,6 @@ def build_intact_plants(robot: LeggedRobot, count: int) -> LeggedPlants:
     )
 
 
-def build_damaged_plants(
-    robot: LeggedRobot, damages: Sequence[Sequence[Damage]]
-) -> LeggedPlants:
-    """Robots after their damages, one for each element."""
-    plants = build_intact_plants(robot, len(damages))
-    for row, several in enumerate(damages):
-        for damage in several:
-            _apply_damage(plants, row, damage)
-    return plants
-
-
 def scale_physics(plants: LeggedPlants, factors: Floats) -> LeggedPlants:
     """Robots whose friction, masses and motors are off.
 
@@ -137,40 +119,6 @@ def scale_physics(plants: LeggedPlants, factors: Floats) -> LeggedPlants:
         mass_scale=plants.mass_scale * factors[..., 1],
         motor_gain=plants.motor_gain * factors[..., 2:],
     )
-
-
-def _apply_damage(plants: LeggedPlants, row: int, damage: Damage) -> None:
-    """Write one damage into a row."""
-    robot, name, value = plants.robot, damage.name, damage.value
-    if damage.kind == "limb_loss":
-        gone = robot.list_bodies_below(name)
-        plants.present[row, gone] = False
-        lost = [int(robot.joint_of_motor(d).bodyid[0]) in gone
-                for d in range(len(robot.motors))]  # fmt: skip
-        plants.motor_gain[row, lost] = 0.0
-        # an angle sensor is lost with its joint; a touch sensor touches nothing
-        for d in np.flatnonzero(lost).tolist():
-            angle = f"{robot.joint_of_motor(d).name}_position"
-            if angle in robot.sensors:
-                plants.sensor_gain[row, robot.sensors.index(angle)] = 0.0
-    elif damage.kind == "joint_jam":
-        (place,) = (p for p in robot.damage_sites if p.name == name)
-        plants.unlocked[row, list(place.dofs)] = False
-    elif damage.kind == "weak_motor":
-        plants.motor_gain[row, robot.motors.index(name)] *= value
-    elif damage.kind in ("sensor_dead", "weak_sensor"):
-        plants.sensor_gain[row, robot.sensors.index(name)] *= value
-    elif damage.kind == "neuron_dead":
-        plants.neuron_gain[row, int(name)] = 0.0
-    elif damage.kind == "ground_friction":
-        plants.friction[row] = value
-    elif damage.kind in ("slope", "wind"):
-        toward = compute_direction(damage.azimuth)
-        if damage.kind == "wind":
-            plants.wind[row, :2] = value * toward
-        else:
-            level, downhill = robot.model.opt.gravity, np.array([*toward, 0.0])
-            plants.gravity[row] = tilt_gravity(level, value, downhill)
 
 
 def simulate_controllers(

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..body.body import BELLY_SENSOR, Anatomy, Floats, Rows
 from ..body.changes import compute_direction, tilt_gravity
-from ..body.damage import list_sensors
 from ..machine import count_cores
 from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 from .plant import Plant, compute_set_points
@@ -207,10 +206,12 @@ class Channels:
 
 def list_channels(anatomy: Anatomy) -> Channels:
     """Two tilts, clearance, joint angles, touches, position."""
-    vertical, *others = list_sensors(anatomy)
+    angles = [f"{joint}_position" for joint in anatomy.joints]
+    touches = [f"{anatomy.parts[foot - 1]}_touch" for foot in anatomy.feet]
+    others = ("clearance", *angles, *touches)
     names = ("tilt left/right", "tilt forward/back", *others, "x", "y")
     place = ["torso_position", "torso_position"]
-    return Channels(names, (vertical, vertical, *others, *place))
+    return Channels(names, ("vertical", "vertical", *others, *place))
 
 
 def compute_channels(walks: Walks, plants: Sequence[Plant]) -> Floats:

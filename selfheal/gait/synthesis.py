@@ -8,20 +8,14 @@ import numpy as np
 from ..body.body import Floats, count_ancestors
 from ..engine.plant import Plant
 from ..engine.walk import SAMPLE, Walks, simulate_walks
-from .cma_es import CmaState, ask, start_search, tell
+from ..evolution.cma_es import CmaState, ask, start_search, tell
+from ..evolution.ranking import rank_best_first
 from .pattern import SECONDS, find_pattern
 
 Progress = Callable[[str, float], None]
 
-# Chosen on development seeds: of what a search costs, most goes to the best of its
-# starts. A rung: how many searches live, generations, seconds that each gait is tried.
-Rungs = Sequence[tuple[int, int, float]]
-ONE_GAIT: Rungs = ((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0))
-THREE_GAITS: Rungs = ((6, 10, 5.0), (3, 20, 5.0), (3, 30, 10.0))
 _STANCE = np.radians(60.0)  # of joints as far from the torso; chosen
-_RANDOM = 192  # gaits drawn before the searches start
-_CHILDREN, _STEP = 14, 0.4
-_AGAIN_STEP = 0.25  # of a search that starts from an old gait
+_CHILDREN = 14
 _ROWS = round(SECONDS / SAMPLE)
 _JUDGES = 16  # plants that the finished gait is predicted on
 # What may differ between the self-model and the robot, as wide as a careful builder
@@ -36,6 +30,64 @@ _LEVEL_COSINE, _TIPPED_COSINE, _FALL_COST = (
     np.cos(np.radians(60.0)),
     0.3,
 )
+
+
+@dataclass(frozen=True)
+class GaitTask:
+    """A gait that is wanted.
+
+    Attributes:
+        pattern: how genes are written; see `gait.pattern`.
+        heading: direction to walk, from +x toward +y [rad].
+        seed: of all that is drawn.
+    """
+
+    pattern: str = "waves"
+    heading: float = 0.0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a search for gaits does.
+
+    Attributes:
+        rungs: by which searches are halved: how many live, their generations, and for
+            how long each gait is tried [s]. Those left at the end give a gait each.
+        drawn: gaits that are drawn before the searches start.
+        step: of the genes that are drawn, and of searches that start from them [1].
+        step_again: of a search that starts from an old gait [1].
+    """
+
+    rungs: Sequence[tuple[int, int, float]]
+    drawn: int = 192
+    step: float = 0.4
+    step_again: float = 0.25
+
+
+# Chosen on development seeds: of what a search costs, most goes to the best of its
+# starts.
+ONE_GAIT = Effort(((6, 10, 5.0), (3, 20, 5.0), (1, 60, 10.0)))
+THREE_GAITS = Effort(((6, 10, 5.0), (3, 20, 5.0), (3, 30, 10.0)))
+
+
+@dataclass(frozen=True)
+class LikelyPlants:
+    """What the robot may be.
+
+    Attributes:
+        plants: K rival self-models, each of which may be off a little.
+        weights: (K) how likely each is [1].
+    """
+
+    plants: Sequence[Plant]
+    weights: Sequence[float] | Floats = (1.0,)
+
+    def draw(self, count: int, rng: np.random.Generator) -> list[Plant]:
+        """Draw rivals, then what they are off by."""
+        chance = np.asarray(self.weights, float) / np.sum(self.weights)
+        drawn = rng.choice(len(self.plants), size=count, p=chance)
+        return [randomize_plant(self.plants[k], rng) for k in drawn]
 
 
 @dataclass(frozen=True)
@@ -142,105 +194,91 @@ def walk_gait(plants: Sequence[Plant], gait: Gait, seconds: float = SECONDS) -> 
     return simulate_walks(plants, np.repeat(commands[None], len(plants), axis=0))
 
 
-class _GaitSearch:
+class GaitSearch:
     """The trials of one synthesis, counted."""
 
-    def __init__(
-        self,
-        plants: Sequence[Plant],
-        weights: Sequence[float] | Floats,
-        name: str,
-        heading: float,
-        rng: np.random.Generator,
-    ) -> None:
-        self.plants, self.heading, self.rng = plants, heading, rng
-        self.weights = np.asarray(weights, float) / np.sum(weights)
-        self.pattern, self.joints = find_pattern(name), plants[0].body.anatomy.size
+    def __init__(self, likely: LikelyPlants, task: GaitTask, effort: Effort) -> None:
+        self.likely, self.task, self.effort = likely, task, effort
+        self.rng = np.random.default_rng(task.seed)
+        self.pattern = find_pattern(task.pattern)
+        self.joints = likely.plants[0].body.anatomy.size
         self.simulations = self.failed = 0
-
-    def draw_plant(self) -> Plant:
-        """One of the robots that it may be."""
-        return randomize_plant(
-            self.plants[self.rng.choice(len(self.plants), p=self.weights)], self.rng
-        )
 
     def score_genes(self, genes: Floats, seconds: float) -> Floats:
         """(N) [m/s] fitness of genes (N, D) on one plant; diverged ones are worst."""
         commands = self.pattern.compute_commands(genes, self.joints, seconds)
-        walks = simulate_walks([self.draw_plant()] * len(genes), commands)
+        walks = simulate_walks(self.likely.draw(1, self.rng) * len(genes), commands)
         self.simulations += len(genes)
         self.failed += int(walks.failed.sum())
         with np.errstate(invalid="ignore"):
-            fit = compute_fitness(walks, self.heading) / seconds
+            fit = compute_fitness(walks, self.task.heading) / seconds
         return np.where(walks.failed, -np.inf, fit)
 
 
 def synthesize_gaits(
-    plants: Sequence[Plant],
+    likely: LikelyPlants,
+    task: GaitTask,
+    effort: Effort = ONE_GAIT,
     *,
-    rungs: Rungs = ONE_GAIT,
-    weights: Sequence[float] | Floats = (1.0,),
-    name: str = "waves",
-    heading: float = 0.0,
-    seed: int = 0,
     start: Gait | None = None,
     progress: Progress = lambda what, share: None,
 ) -> list[Gait]:
-    """Gaits for a robot that may be any of these plants, each a little otherwise.
+    """Gaits for a robot that may be any of some plants, each a little otherwise.
 
     Args:
-        plants: (K) rival self-models.
-        rungs: by which searches are halved; each that is left at the end gives a gait.
-        weights: (K) how likely each is [1].
-        heading: direction to walk [rad].
         start: a gait that one of the searches starts from.
         progress: called with what is done and how much of it.
     """
-    search = _GaitSearch(plants, weights, name, heading, np.random.default_rng(seed))
-    lives = _start_searches(search, start, rungs[0])
+    search = GaitSearch(likely, task, effort)
+    lives = _start_searches(search, start)
+    rungs = effort.rungs
     total = sum(count * times * seconds for count, times, seconds in rungs)
     done = 0.0
     for count, generations, seconds in rungs:
         lives = sorted(lives, key=lambda life: -life[0])[:count]
-        after = []
-        for score, state in lives:
+        for k in range(len(lives)):
             for _ in range(generations):
-                score, state = _run_generation(search, score, state, seconds)
+                lives[k] = _run_generation(search, lives[k], seconds)
                 done += seconds
-                progress(f"{SECONDS * score:.2f} m in 10 s", done / total)
-            after.append((score, state))
-        lives = after
-    found = [Gait(name, state.mean, heading, 0.0, 0.0, 0.0,
-                  search.simulations, search.failed) for _, state in lives]  # fmt: skip
-    return [evaluate_gait(plants, gait, weights=weights, seed=seed) for gait in found]
+                progress(f"{SECONDS * lives[k][0]:.2f} m in 10 s", done / total)
+    spent = search.simulations, search.failed
+    found = [
+        Gait(task.pattern, state.mean, task.heading, 0.0, 0.0, 0.0, *spent)
+        for _, state in lives
+    ]
+    return [evaluate_gait(likely, gait, task.seed) for gait in found]
 
 
 def _start_searches(
-    search: _GaitSearch, start: Gait | None, rung: tuple[int, int, float]
+    search: GaitSearch, start: Gait | None
 ) -> list[tuple[float, CmaState]]:
     """Where searches begin: the old gait, and the best of many random ones."""
-    genes, (count, _, seconds) = _draw_genes(search), rung
+    effort = search.effort
+    genes, (count, _, seconds) = draw_first_genes(search), effort.rungs[0]
     scores = search.score_genes(genes, seconds)
-    order = np.argsort(-np.where(np.isfinite(scores), scores, -np.inf), kind="stable")
-    lives = [(float(scores[i]), start_search(genes[i], _STEP)) for i in order[:count]]
+    best = rank_best_first(scores)[:count]
+    lives = [(float(scores[i]), start_search(genes[i], effort.step)) for i in best]
     if start is not None and start.pattern == search.pattern.name:
-        lives[-1] = (np.inf, start_search(start.genes, _AGAIN_STEP))
+        lives[-1] = (np.inf, start_search(start.genes, effort.step_again))
     return lives
 
 
-def _draw_genes(search: _GaitSearch) -> Floats:
-    """(_RANDOM, D) genes; joints as far from the torso share a stance."""
-    rng, joints = search.rng, search.joints
-    genes = _STEP * rng.normal(size=(_RANDOM, search.pattern.count_genes(joints)))
-    depth = count_ancestors(search.plants[0].body.parent[0])
-    stance = rng.uniform(-_STANCE, _STANCE, (_RANDOM, depth.max() + 1))[:, depth]
+def draw_first_genes(search: GaitSearch) -> Floats:
+    """(N, D) genes [1]; joints as far from the torso share a stance."""
+    rng, joints, effort = search.rng, search.joints, search.effort
+    size = effort.drawn, search.pattern.count_genes(joints)
+    genes = effort.step * rng.normal(size=size)
+    depth = count_ancestors(search.likely.plants[0].body.parent[0])
+    shape = effort.drawn, depth.max() + 1
+    stance = rng.uniform(-_STANCE, _STANCE, shape)[:, depth]
     return search.pattern.add_stance(genes, stance)
 
 
 def _run_generation(
-    search: _GaitSearch, score: float, state: CmaState, seconds: float
+    search: GaitSearch, life: tuple[float, CmaState], seconds: float
 ) -> tuple[float, CmaState]:
     """One generation on a plant drawn anew; the score is a running mean."""
+    score, state = life
     genes = ask(state, _CHILDREN, search.rng)
     scores = search.score_genes(genes, seconds)
     state = tell(state, genes, scores)
@@ -250,31 +288,18 @@ def _run_generation(
     return 0.8 * score + 0.2 * best, state
 
 
-def evaluate_gait(
-    plants: Sequence[Plant],
-    gait: Gait,
-    *,
-    weights: Sequence[float] | Floats = (1.0,),
-    seed: int = 0,
-) -> Gait:
-    """A gait with what is predicted of it on plants that the robot may be.
-
-    Args:
-        plants: (K) rival self-models.
-        weights: (K) how likely each is [1].
-    """
-    rng = np.random.default_rng([seed, 1])
-    chance = np.asarray(weights, float) / np.sum(weights)
-    drawn = rng.choice(len(plants), size=_JUDGES, p=chance)
-    walks = walk_gait([randomize_plant(plants[k], rng) for k in drawn], gait)
+def evaluate_gait(likely: LikelyPlants, gait: Gait, seed: int) -> Gait:
+    """A gait with what is predicted of it on plants that the robot may be."""
+    drawn = likely.draw(_JUDGES, np.random.default_rng([seed, 1]))
+    walks = walk_gait(drawn, gait)
     along, _ = project_on_heading(walks.position[:, -1], gait.heading)
     along = along[~walks.failed] if not walks.failed.all() else np.zeros(1)
-    low, middle, high = np.quantile(along, [0.1, 0.5, 0.9])
+    low, middle, high = map(float, np.quantile(along, [0.1, 0.5, 0.9]))
     return replace(
         gait,
-        predicted=float(middle),
-        low=float(low),
-        high=float(high),
+        predicted=middle,
+        low=low,
+        high=high,
         simulations=gait.simulations + _JUDGES,
         failed=gait.failed + int(walks.failed.sum()),
     )

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import Damage
-from ..body.legged import LeggedRobot, reduce_damages
-from ..engine.reflex import build_damaged_plants, simulate_controllers
-from ..gait.genetic import Score
+from ..body.legged import LeggedRobot
+from ..damage.apply import build_damaged_plants, reduce_damages
+from ..damage.kinds import KINDS, Damage
+from ..engine.reflex import simulate_controllers
+from ..evolution.genetic import Score
 
 GENES, VALUES = 4, 4
-ESTIMATED_KINDS = ("limb_loss", "joint_jam", "sensor_dead")
+ESTIMATED_KINDS = tuple(kind.name for kind in KINDS.values() if kind.is_estimated)
 
 Hypothesis = tuple[Damage, ...]
 
@@ -50,15 +51,10 @@ def decode_hypotheses(genomes: Floats, robot: LeggedRobot) -> list[Hypothesis]:
 
 def _decode_damage(gene: Floats, robot: LeggedRobot) -> Damage:
     """The damage of an active gene (VALUES), its values scaled to [0, 1]."""
-    kind = ESTIMATED_KINDS[round(2 * gene[1])]
-    names = robot.sensors if kind == "sensor_dead" else robot.damage_sites
+    kind = KINDS[ESTIMATED_KINDS[round((len(ESTIMATED_KINDS) - 1) * gene[1])]]
+    names = kind.list_estimated_places(robot)
     at = min(int(gene[2] * len(names)), len(names) - 1)
-    if kind == "sensor_dead":
-        return Damage(kind, f"sensor:{robot.sensors[at]}")
-    place = robot.damage_sites[at]
-    if kind == "joint_jam":
-        return Damage(kind, f"joint:{place.name}")
-    return Damage(kind, f"body:{place.part}")
+    return Damage(kind.name, kind.make_target(names[at]))
 
 
 def make_damage_score(robot: LeggedRobot, trials: Sequence[Trial]) -> Score:

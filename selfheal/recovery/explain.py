@@ -14,39 +14,34 @@ from itertools import product
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import Damage
-from ..body.legged import HIDDEN, LeggedRobot, reduce_damages
+from ..body.legged import LeggedRobot
+from ..damage.apply import build_damaged_plants, reduce_damages
+from ..damage.kinds import KINDS, Damage
 from ..engine.reflex import (
     SAMPLE,
     STEPS,
     STEPS_PER_SAMPLE,
     Rollouts,
-    build_damaged_plants,
     scale_physics,
     simulate_controllers,
 )
+from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t, compute_posterior
-from .estimate import Hypothesis, Trial
-from .hypotheses import AZIMUTHS, STRENGTHS, list_ground_damages
+from .estimate import ESTIMATED_KINDS, Hypothesis, Trial
 
 Progress = Callable[[float], None]
 
 MOST_DAMAGES = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
-_FIRST_BEAM, _BEAM_DECAY = (
-    24,
-    0.7,
-)  # single ones whose values move, and how fast they get fewer
+# single ones whose values move, and how fast they get fewer
+_FIRST_BEAM, _BEAM_DECAY = 24, 0.7
 COMPARED_STEPS = 300  # steps on which hypotheses are compared while they grow; chosen
-_SCREEN_STEPS, _SCREENED = (
-    100,
-    200,
-)  # steps after which so many of a size are left; chosen
+# steps after which so many of a size are left; chosen
+_SCREEN_STEPS, _SCREENED = 100, 200
 _FINALISTS = 24  # hypotheses that are compared on whole series; chosen
 _VARIANTS = 2  # values of one hypothesis that are moved; chosen
 _ROUNDS = 10  # of smaller steps in values; chosen
 _STEP_DECAY = 0.65  # a round's steps : those of the one before; chosen
-_WINDS = (3.0, 6.0, 10.0)  # [m/s], a breeze to a strong wind; chosen
 # Chosen: a sensor's value is not trusted more than this, and values within half a
 # second say the same.
 _LEAST_SCALE, _CORRELATED = 0.05, 0.5 / SAMPLE
@@ -54,18 +49,10 @@ DAMAGE_COST = 6.0  # [nats] that each damage must explain more; chosen
 _HALF_TIME = 1.0  # [s] after which a sample counts half; chosen
 # Chosen: damage under which likely robots are watched part, and the share of a series'
 # standard deviation by which they have parted when predictions say nothing any more.
-_CLEAR_KINDS, _TIE_SHARE = ("limb_loss", "joint_jam", "sensor_dead"), 0.5
+_CLEAR_KINDS, _TIE_SHARE = ESTIMATED_KINDS, 0.5
 _AZIMUTH_STEP = np.pi / 8
-# first steps of the values: a grid's half
-_STEPS = {"weak_motor": 0.075, "weak_sensor": 0.075, "slope": np.radians(2.5),
-          "ground_friction": 0.05, "wind": 1.5}  # fmt: skip
-# how far the last of them move a value, in which it is therefore not known
-LAST_STEPS = {
-    kind: step * _STEP_DECAY ** (_ROUNDS - 1) for kind, step in _STEPS.items()
-}
-_RANGES = {"weak_motor": (0.02, 1.0), "weak_sensor": (0.02, 1.0),
-           "slope": (0.0, 0.5), "ground_friction": (0.02, 1.5),
-           "wind": (0.0, 20.0)}  # fmt: skip
+# the last step of a value, of the first one; within it a value is not known
+LAST_STEP = _STEP_DECAY ** (_ROUNDS - 1)
 
 
 @dataclass(frozen=True)
@@ -229,7 +216,7 @@ def estimate_damage(
     best = sorted(weights, key=lambda h: -weights[h])[:_FINALISTS]
     total = seen.compute_log_weights(best, STEPS)
     chance = compute_posterior(total)
-    order = np.argsort(-chance, kind="stable")
+    order = rank_best_first(chance)
     progress(1.0)
     return HypothesisPosterior(tuple(best[k] for k in order), chance[order], seen.scale)
 
@@ -247,7 +234,7 @@ def _grow_hypotheses(
             return
         before = max(weights.values())
         grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
-                 if _adds_target(h, d))  # fmt: skip
+                 if d.place not in _strip_values(h))  # fmt: skip
         new = [h for h in dict.fromkeys(grown) if h not in weights]
         if not new:
             return
@@ -270,7 +257,7 @@ def _screen_hypotheses(
 ) -> list[Hypothesis]:
     """Those that explain the first second of the trials best."""
     weight = seen.compute_log_weights(hypotheses, _SCREEN_STEPS)
-    order = np.argsort(-weight, kind="stable")[:_SCREENED]
+    order = rank_best_first(weight)[:_SCREENED]
     return [hypotheses[k] for k in order]
 
 
@@ -312,26 +299,21 @@ def _keep_diverse(
 
 def _strip_values(hypothesis: Hypothesis) -> tuple[tuple[str, str], ...]:
     """A hypothesis without its values."""
-    return tuple((d.kind, d.target) for d in hypothesis)
+    return tuple(damage.place for damage in hypothesis)
 
 
 def _vary_values(hypothesis: Hypothesis, part: float) -> Iterator[Hypothesis]:
     """Hypotheses one step away in one value; steps are this part of the first ones."""
     for k, damage in enumerate(hypothesis):
-        if damage.kind not in _STEPS:
+        kind = KINDS[damage.kind]
+        if not kind.recover_values.step:
             continue
-        low, high = _RANGES[damage.kind]
-        step = part * _STEPS[damage.kind]
-        turn = part * _AZIMUTH_STEP if damage.kind in ("slope", "wind") else 0.0
-        for by, round_ in product((-step, 0.0, step), (-turn, 0.0, turn)):
-            value = float(np.clip(damage.value + by, low, high))
-            other = replace(damage, value=value, azimuth=damage.azimuth + round_)
+        by, turn = kind.recover_values, part * _AZIMUTH_STEP * kind.has_azimuth
+        step = part * by.step
+        for shift, turned in product((-step, 0.0, step), (-turn, 0.0, turn)):
+            value = float(np.clip(damage.value + shift, by.low, by.high))
+            other = replace(damage, value=value, azimuth=damage.azimuth + turned)
             yield (*hypothesis[:k], other, *hypothesis[k + 1 :])  # itself too
-
-
-def _adds_target(hypothesis: Hypothesis, damage: Damage) -> bool:
-    """Whether a damage is none that a hypothesis has already, with any value."""
-    return (damage.kind, damage.target) not in _strip_values(hypothesis)
 
 
 def _subdivide_damage(damage: Damage) -> Iterator[Damage]:
@@ -340,26 +322,22 @@ def _subdivide_damage(damage: Damage) -> Iterator[Damage]:
     Alone a damage is simulated often enough to be found by trying: where contacts
     decide, a value that is a little wrong explains hardly more than one far off.
     """
-    if damage.kind not in _STEPS:
+    kind = KINDS[damage.kind]
+    if not kind.recover_values.step:
         yield damage
         return
-    steps = _STEPS[damage.kind] * np.array((-1.0, -0.5, 0.0, 0.5, 1.0))
-    turns = np.array((0.0, _AZIMUTH_STEP)) * (damage.kind in ("slope", "wind"))
+    steps = kind.recover_values.step * np.array((-1.0, -0.5, 0.0, 0.5, 1.0))
+    turns = np.array((0.0, _AZIMUTH_STEP)) * kind.has_azimuth
     for step, turn in product(steps.tolist(), dict.fromkeys(turns.tolist())):
         yield replace(damage, value=damage.value + step, azimuth=damage.azimuth + turn)
 
 
 def list_single_damages(robot: LeggedRobot) -> list[Damage]:
     """Everything that may have happened, one at a time and coarsely."""
-    sensors = [f"sensor:{name}" for name in robot.sensors]
-    motors = [f"actuator:{name}" for name in robot.motors]
     return [
-        *(Damage("limb_loss", f"body:{part}") for part in robot.parts),
-        *(Damage("joint_jam", f"joint:{place.name}") for place in robot.damage_sites),
-        *(Damage("sensor_dead", name) for name in sensors),
-        *(Damage("weak_sensor", name, s) for name in sensors for s in STRENGTHS),
-        *(Damage("weak_motor", name, s) for name in motors for s in STRENGTHS),
-        *(Damage("neuron_dead", f"neuron:{k}") for k in range(HIDDEN)),
-        *list_ground_damages(),
-        *(Damage("wind", "world", w, float(a)) for w in _WINDS for a in AZIMUTHS),
+        damage
+        for sort, names in robot.targets.items()
+        for kind in KINDS.values()
+        if kind.sort == sort
+        for damage in kind.list_damages(names, kind.recover_values.grid)
     ]

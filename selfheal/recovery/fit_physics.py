@@ -21,22 +21,20 @@ from ..engine.reflex import (
     scale_physics,
     simulate_controllers,
 )
-from ..gait.cma_es import CmaState, ask, start_search, tell
+from ..evolution.cma_es import CmaState, ask, start_search, tell
+from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t
 
 Progress = Callable[[float], None]
 
 _HORIZONS = (20, 30, 40, 60, 80, 110, 150)  # steps that are fitted in turn; chosen
-_FIRST_SEARCHES, _LAST_SEARCHES = (
-    16,
-    4,
-)  # searches in the beginning and in the end; chosen
+# searches in the beginning and in the end; chosen
+_FIRST_SEARCHES, _LAST_SEARCHES = 16, 4
 _CHILDREN, _GENERATIONS = 14, 10  # of each search for each horizon; chosen
 _STEP, _LEAST_STEP = 0.02, 0.003  # logs of factors: first steps, least new ones; chosen
 _PRIOR_WIDTH = 0.05  # log of a factor, as wide as a careful builder would grant; chosen
-_RESIDUAL_SCALE = (
-    0.01  # scale of a sensor's residual: readings are free of noise; chosen
-)
+# scale of a sensor's residual: readings are free of noise; chosen
+_RESIDUAL_SCALE = 0.01
 
 
 def fit_physics(
@@ -100,8 +98,7 @@ def _extend_horizon(
         searches = list(map(tell, searches, drawn, scores))
         for k in np.flatnonzero(scores.max(axis=1) > best):
             best[k], means[k] = scores[k].max(), drawn[k][scores[k].argmax()]
-    order = np.argsort(-best, kind="stable")
     return [
         replace(searches[k], mean=means[k], sigma=max(searches[k].sigma, _LEAST_STEP))
-        for k in order
+        for k in rank_best_first(best)
     ]

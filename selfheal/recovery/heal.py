@@ -6,15 +6,14 @@ verdict, healed (a new gait), walked, known (for the report: with the truth know
 
 from collections.abc import Iterator
 from functools import partial
-from typing import Any
 
 from ..body.body import Anatomy, Bodies, Floats
-from ..body.damage import explain_misfit, list_targets
+from ..damage.words import explain_misfit, list_targets
 from ..engine.walk import list_channels
 from ..errors import RunFileError
 from ..gait.pattern import find_pattern
-from .phased_run import run_phases
-from .phases import HealPhases, Past, Progress, RobotStates, read_damage
+from .phased_run import Document, Progress, ignore_progress, run_phases
+from .phases import HealPhases, Past, RobotStates, read_damage
 from .probes import find_residual_scale, list_probes
 from .record import HealRun, HealSettings, read_gait
 
@@ -26,7 +25,7 @@ def heal_robot(
     settings: HealSettings,
     *,
     run: HealRun | None = None,
-    progress: Progress = lambda phase, what, share: None,
+    progress: Progress = ignore_progress,
 ) -> Iterator[HealRun]:
     """Walk, notice the damage, find it, walk again; a yield a phase, result at the end.
 
@@ -50,9 +49,8 @@ def check_same_body(run: HealRun, models: Bodies) -> None:
         RunFileError: says what does not fit.
     """
     anatomy, targets = models.anatomy, list_targets(models.anatomy)
-    stated = [run.settings.damage, *([read_damage(b) for b in p["believed"]]
-            for p in run.phases.values() if "believed" in p)]  # fmt: skip
-    for damage in (damage for damages in stated for damage in damages):
+    believed = [b for p in run.phases.values() for b in p.get("believed", ())]
+    for damage in (*run.settings.damage, *map(read_damage, believed)):
         if wrong := explain_misfit(damage, targets):
             raise _make_misfit_error(f"a damage is of {wrong}")
     channels = len(list_channels(anatomy).names)
@@ -92,7 +90,7 @@ def _make_misfit_error(said: str) -> RunFileError:
     return RunFileError(f"the heal does not fit the body of its run: {said}")
 
 
-def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
+def _summarize_run(run: HealRun, robot: str) -> Document:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
@@ -100,9 +98,12 @@ def _summarize_run(run: HealRun, robot: str) -> dict[str, Any]:
     shown = [
         {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
     ]
-    known = p["known"]["distance"]
-    distance = {"intact": p["whole"]["distance"], "damaged": p["walked"]["damaged"],
-                "healed": p["walked"]["healed"], "best_known": known}  # fmt: skip
+    distance = {
+        "intact": p["whole"]["distance"],
+        "damaged": p["walked"]["damaged"],
+        "healed": p["walked"]["healed"],
+        "best_known": p["known"]["distance"],
+    }
     rounded = {k: None if v is None else round(v, 4) for k, v in distance.items()}
     return {
         "format": "selfheal-heal",

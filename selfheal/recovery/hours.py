@@ -8,25 +8,24 @@ is a phase first (for the report: the whole robot's gait) in place of known.
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.damage import INTACT, Damage, Strike
+from ..damage.apply import Strike
+from ..damage.kinds import INTACT, Damage
 from ..errors import InputError
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import measure_distance
 from ..robot.base import Walker
 from .heal import check_same_body
-from .phased_run import Phase, run_phases
+from .phased_run import Document, Phase, Progress, ignore_progress, run_phases
 from .phases import (
     LEARNING_TIME,
     ROWS,
     WATCHING_TIME,
     HealPhases,
     Past,
-    Progress,
     RobotStates,
     read_damage,
 )
@@ -63,7 +62,7 @@ def heal_for_hours(
     settings: HealSettings,
     *,
     run: HealRun | None = None,
-    progress: Progress = lambda phase, what, share: None,
+    progress: Progress = ignore_progress,
 ) -> Iterator[HealRun]:
     """Walk for hours and heal after each alarm; a yield a phase, result at the end.
 
@@ -129,8 +128,12 @@ class _Hours:
             self._strike_robot(watch, alarm["time"] if alarm else watch),
         )
         first = heals[0].phases.get("gait")
-        past = Past(list_believed(heals[:-1]), watch, _TRIALS * (len(heals) - 1),
-                    read_gait(first) if first else None)  # fmt: skip
+        past = Past(
+            list_believed(heals[:-1]),
+            watch,
+            _TRIALS * (len(heals) - 1),
+            read_gait(first) if first else None,
+        )
         report = partial(self._tell, start)
         return HealPhases(
             states, self.models, self.weights, heals[-1].settings, report, past
@@ -169,7 +172,7 @@ def list_believed(heals: Sequence[HealRun]) -> list[Damage]:
     return [damage for damage in found if damage.kind != "none"]
 
 
-def _summarize_hours(run: HealRun, robot: str) -> dict[str, Any]:
+def _summarize_hours(run: HealRun, robot: str) -> Document:
     """What `heal --hours --json` prints."""
     walks = list_walks(run)
     start, seconds, _ = walks[-1]
@@ -243,7 +246,7 @@ def _share_first(run: HealRun, end: float) -> float:
     return float(np.diff([*times, end]) @ speeds / (end * speeds[0]))
 
 
-def _list_events(run: HealRun, end: float) -> list[dict[str, Any]]:
+def _list_events(run: HealRun, end: float) -> list[Document]:
     """The damages until an end [s] and all alarms, in order; see `HoursEvent`.
 
     An alarm is for the last damage before it, or false if an earlier one was.
@@ -263,7 +266,7 @@ def _list_events(run: HealRun, end: float) -> list[dict[str, Any]]:
 
 def _describe_event(
     strike: Strike | None, heal: HealRun | None = None, before: float | None = None
-) -> dict[str, Any]:
+) -> Document:
     """A row of the result, as `HoursEvent` has it.
 
     Args:
@@ -272,7 +275,7 @@ def _describe_event(
         before: speed until then [m/min].
     """
     true = strike.damage if strike else INTACT
-    event: dict[str, Any] = {
+    event: Document = {
         "time": strike.time if strike else 0.0,
         "damage": true.document if strike else None, "alarm": None, "delay": None,
         "believed": None, "right": False, "actions": 0, "before": before,
@@ -287,7 +290,7 @@ def _describe_event(
         "alarm": {key: alarm[key] for key in ("time", "sensor", "p_value")},
         "delay": round(alarm["time"] - strike.time, 3) if strike else None,
         "believed": best,
-        "right": (best["kind"], best["target"]) == (true.kind, true.target),
+        "right": read_damage(best).place == true.place,
         "actions": len(heal.actions),
         **{key: _PER_MINUTE * ways[key] for key in ("damaged", "healed", "first")},
     }

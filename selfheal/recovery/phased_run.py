@@ -13,14 +13,22 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from ..body.damage import Damage, explain_misfit
+from ..damage.kinds import Damage
+from ..damage.words import explain_misfit
 from ..errors import InputError, RunFileError
 from ..files import atomic_hdf5
 from ..notebook import format_columns
 from ..printable import join_names, make_printable
 from ..schema import ArraySchema, Members, Number, open_members
 
-Phase = Mapping[str, Any]
+Phase = Mapping[str, Any]  # arrays, and what JSON can say, by their names
+Document = dict[str, Any]  # of JSON, as a schema has it
+# is called with a phase, what is done in it, and how much of it
+Progress = Callable[[str, str, float], None]
+
+
+def ignore_progress(phase: str, what: str, share: float) -> None:
+    """Progress that nobody looks at."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +83,7 @@ class PhasedRun:
 
     settings: Any
     phases: Mapping[str, Phase] = field(default_factory=dict)
-    result: Mapping[str, Any] = field(default_factory=dict)
+    result: Document = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:
@@ -95,25 +103,22 @@ class PhasedRun:
         state = "finished" if self.result else "not finished"
         return f"{type(self).__name__}, {state}; phases: {join_names(self.phases)}"
 
-    @staticmethod
-    def measure_sizes(settings: Any) -> dict[str, int]:
-        """Lengths that arrays of a run with these settings have, by name."""
+    def measure_sizes(self) -> dict[str, int]:
+        """Lengths of arrays that the settings say, by name."""
         return {}
 
-    @staticmethod
-    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
-        """Names of the phases one of which comes next; none at the end."""
+    def list_next_phases(self, done: Sequence[str]) -> Sequence[str]:
+        """Names of the phases one of which comes after these; none at the end."""
         raise NotImplementedError
 
-    @staticmethod
-    def find_schema(settings: Any, name: str) -> PhaseSchema:
+    def find_schema(self, name: str) -> PhaseSchema:
         """What a file holds of a phase."""
         raise NotImplementedError
 
-    @classmethod
-    def find_result(cls, settings: Any) -> type:
-        """What a file holds of the result of a run with these settings."""
-        return cls.RESULT
+    @property
+    def result_schema(self) -> type:
+        """What a file holds of the result."""
+        return self.RESULT
 
     def explain_misfit(self) -> str:
         """What does not fit together in a run that was read; "" if all of it does."""
@@ -126,7 +131,7 @@ R = TypeVar("R", bound=PhasedRun)
 def run_phases(
     run: R,
     step: Callable[[R], tuple[str, Phase] | None],
-    result: Callable[[R], Mapping[str, Any]],
+    result: Callable[[R], Document],
 ) -> Iterator[R]:
     """The run after each phase that is left, and in the end with its result.
 
@@ -161,13 +166,11 @@ def save_phased_run(run: PhasedRun, path: str | os.PathLike[str]) -> None:
         file.attrs["result"] = json.dumps(dict(run.result))
         for k, (name, phase) in enumerate(run.phases.items()):
             group = file.create_group(f"phases/{k:03d} {name}")
-            plain = {}
-            for key, value in phase.items():
-                if isinstance(value, np.ndarray):
-                    group[key] = value
-                else:
-                    plain[key] = value
-            group["told"] = json.dumps(plain, default=_to_list)
+            arrays = {k: v for k, v in phase.items() if isinstance(v, np.ndarray)}
+            for key, values in arrays.items():
+                group[key] = values
+            others = {k: v for k, v in phase.items() if k not in arrays}
+            group["told"] = json.dumps(others, default=np.ndarray.tolist)
 
 
 def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
@@ -183,41 +186,35 @@ def load_phased_run(path: str | os.PathLike[str], kind: type[R]) -> R:
         for damage in settings.damage:
             if wrong := explain_misfit(damage):
                 raise file.make_error("attribute settings.damage", f"of {wrong}")
-        result = file.read_document("result", kind.find_result(settings))
+        run = kind(settings)
+        run = replace(run, result=file.read_document("result", run.result_schema))
         try:
-            file.sizes.update(kind.measure_sizes(settings))
+            file.sizes.update(run.measure_sizes())
         except InputError as error:
             said = f"of no robot that there is ({error})"
             raise file.make_error("attribute settings", said) from error
-        run = kind(settings, _read_phases(file, kind, settings), result)
+        run = replace(run, phases=_read_phases(file, run))
         if wrong := run.explain_misfit():
             raise RunFileError(f"{file.title}: {wrong}")
     return run
 
 
-def _read_phases(
-    file: Members, kind: type[PhasedRun], settings: Any
-) -> dict[str, Phase]:
+def _read_phases(file: Members, run: PhasedRun) -> dict[str, Phase]:
     """The phases of an open file, in order."""
     phases: dict[str, Phase] = {}
     if "phases" not in file.list_names():
         return phases
     group = file.open_group("phases")
     for k, member in enumerate(group.list_names()):
-        asked = kind.list_next_phases(settings, tuple(phases))
+        asked = run.list_next_phases(tuple(phases))
         number, _, name = member.partition(" ")
         if number != f"{k:03d}" or name not in asked:
             fits = " or ".join(f"'{k:03d} {each}'" for each in asked) or "no phase more"
             raise group.make_error(f"member {k + 1}", repr(member), fits)
-        schema, members = kind.find_schema(settings, name), group.open_group(member)
+        schema, members = run.find_schema(name), group.open_group(member)
         text = members.read("told", str)
         members.parse("told", text, schema.document)
         arrays = members.read_table(schema.arrays)
         phases[name] = {**json.loads(text), **arrays}
         file.sizes.update(members.sizes)
     return phases
-
-
-def _to_list(value: Any) -> Any:
-    """An array within other data as a list."""
-    return value.tolist()

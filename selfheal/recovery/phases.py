@@ -1,20 +1,15 @@
 """The phases of a heal: what is known so far in, the next phase out."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from ..body.body import Bodies, Floats
-from ..body.damage import INTACT, Damage
-from ..engine.plant import (
-    Plant,
-    apply_damages,
-    build_rated_plant,
-    list_gone_targets,
-)
+from ..damage.apply import apply_damages, list_gone_targets
+from ..damage.kinds import INTACT, Damage
+from ..engine.plant import build_rated_plant
 from ..engine.walk import SAMPLE, compute_channels, list_channels, simulate_walks
 from ..errors import InputError
 from ..gait.pattern import SECONDS
@@ -22,6 +17,8 @@ from ..gait.synthesis import (
     ONE_GAIT,
     THREE_GAITS,
     Gait,
+    GaitTask,
+    LikelyPlants,
     evaluate_gait,
     measure_distance,
     project_on_heading,
@@ -32,7 +29,7 @@ from ..robot.base import Walker
 from ..robot.read_channels import read_channels, read_orientation, read_position
 from .hypotheses import list_damages
 from .monitor import learn_baseline, watch_walk
-from .phased_run import Phase
+from .phased_run import Document, Phase, Progress
 from .plausible_plants import find_plausible_plants
 from .probes import list_probes
 from .record import HealRun, HealSettings, read_gait, serialize_gait
@@ -41,17 +38,13 @@ from .reidentify import DamagePosterior, TakenAction
 LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
 _MOST_WALKS = 3  # such walks until it is given up that something is wrong; chosen
-_MOST_HYPOTHESES, _LEAST_PROBABILITY = (
-    4,
-    0.05,
-)  # hypotheses that the new gait has to suit; chosen
+# hypotheses that the new gait has to suit; chosen
+_MOST_HYPOTHESES, _LEAST_PROBABILITY = 4, 0.05
 ROWS = round(SECONDS / SAMPLE)
 # Of the tenth percentile of the distance that is predicted, a robot that goes less has
 # another body than the gait was made for; chosen
 _FAR_ENOUGH = 0.5
 _MOST_SHOWN = 6  # hypotheses in the result
-
-Progress = Callable[[str, str, float], None]
 
 
 @dataclass(frozen=True)
@@ -108,9 +101,7 @@ class HealPhases:
         """See `heal.heal_robot` for the arguments."""
         self.robots, self.settings, self.progress = robots, settings, progress
         self.past, self.model = past, models[[0]]
-        self.search = partial(
-            synthesize_gaits, name=settings.gait, heading=settings.heading
-        )
+        self.task = GaitTask(settings.gait, settings.heading, settings.seed)
         rated = [build_rated_plant(models[[k]]) for k in range(len(models))]
         self.plants = [apply_damages(plant, *past.believed) for plant in rated]
         self.weights = weights
@@ -121,41 +112,32 @@ class HealPhases:
     def run_next(self, run: HealRun) -> tuple[str, Phase] | None:
         """The name of the next phase and what came of it; None at the end."""
         done = run.phases
-        first = {
+        steps = {
             "gait": self._make_first_gait,
             "whole": self._walk_intact,
             "alarm": self._watch_for_alarm,
-        }
-        for name, phase in first.items():
-            if name not in done:
-                return name, phase(done)
-        if "verdict" not in done:
-            doubt = self._restore_posterior(run)
-            if done["alarm"]["alarm"] and not doubt.is_done:
-                name, asked = (
-                    f"ask-{len(doubt.taken) + 1:02d}",
-                    self._take_action(doubt),
-                )
-                if asked:
-                    return name, asked
-            return "verdict", self._conclude_damage(run, doubt)
-        last = {
+            "verdict": self._conclude_damage,
             "healed": self._make_healed_gait,
             "walked": self._walk_both_gaits,
-            **({"first": self._walk_first_gait} if self.past.first
-               else {"known": self._walk_informed_gait}),
-        }  # fmt: skip
-        for name, phase in last.items():
-            if name not in done:
-                return name, phase(done)
-        return None
+            "first": self._walk_first_gait,
+            "known": self._walk_informed_gait,
+        }
+        del steps["first" if self.past.first is None else "known"]
+        name = next((name for name in steps if name not in done), None)
+        if name is None:
+            return None
+        if name == "verdict" and done["alarm"]["alarm"]:
+            doubt = self._restore_posterior(run)
+            asked = None if doubt.is_done else self._take_action(doubt)
+            if asked:
+                return f"ask-{len(doubt.taken):02d}", asked
+        return name, steps[name](run)
 
-    def _make_first_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_first_gait(self, run: HealRun) -> Phase:
         """A gait for the whole robot."""
-        (gait,) = self.search(
-            self.plants, rungs=ONE_GAIT, weights=self.weights, seed=self.settings.seed,
-            progress=partial(self.progress, "gait"),
-        )  # fmt: skip
+        likely = LikelyPlants(self.plants, self.weights)
+        report = partial(self.progress, "gait")
+        (gait,) = synthesize_gaits(likely, self.task, ONE_GAIT, progress=report)
         return {"gait": serialize_gait(gait)}
 
     def _walk_robot(
@@ -180,9 +162,9 @@ class HealPhases:
         last = path[ROWS - 1]
         return float(project_on_heading(last, self.settings.heading)[0])
 
-    def _walk_intact(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_intact(self, run: HealRun) -> Phase:
         """It walks, and the monitor learns how it walks while whole."""
-        gait = read_gait(done["gait"])
+        gait = read_gait(run.phases["gait"])
         self.progress("whole", "walking", 0.0)
         walked = self._walk_robot(self.robots.intact, gait, LEARNING_TIME, 0)
         path = self._extract_path(walked)
@@ -194,8 +176,8 @@ class HealPhases:
                 f"{gait.high:.2f}): it has another body, so that no damage could be "
                 "told; would fit: a run of identify with more cycles, or more sensors"
             )
-        return {**path, "distance": distance,
-                "felt": read_channels(walked, self.anatomy)[1]}  # fmt: skip
+        felt = read_channels(walked, self.anatomy)[1]
+        return {**path, "distance": distance, "felt": felt}
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""
@@ -204,11 +186,11 @@ class HealPhases:
             simulate_walks(self.plants[:1], commands), self.plants[:1]
         )[0]
 
-    def _watch_for_alarm(self, done: Mapping[str, Phase]) -> Phase:
+    def _watch_for_alarm(self, run: HealRun) -> Phase:
         """It walks on, breaks at some time, and notices."""
-        gait = read_gait(done["gait"])
+        gait = read_gait(run.phases["gait"])
         predicted = self._predict_channels(gait, WATCHING_TIME)
-        measured = done["whole"]["felt"]
+        measured = run.phases["whole"]["felt"]
         known = learn_baseline(
             measured, predicted[: len(measured)], gait.cycle, self.channels
         )
@@ -271,21 +253,27 @@ class HealPhases:
         trial = self.past.trials + 100 + k
         walked = self.robots.damaged.move(action.commands, trial=trial)
         doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
-        return {"probe": probe, "why": action.description, "expected": left,
-                "values": doubt.taken[-1].measured,
-                "believed": _list_beliefs(doubt)}  # fmt: skip
+        return {
+            "probe": probe,
+            "why": action.description,
+            "expected": left,
+            "values": doubt.taken[-1].measured,
+            "believed": _list_beliefs(doubt),
+        }
 
-    def _conclude_damage(self, run: HealRun, doubt: DamagePosterior) -> Phase:
+    def _conclude_damage(self, run: HealRun) -> Phase:
         """What happened."""
         if run.phases["alarm"]["alarm"] is None:
             return {"believed": [_format_hypothesis(INTACT, 1.0)]}
+        doubt = self._restore_posterior(run)
         self.progress("verdict", "finding how much", 0.0)
         doubt.refine_values()
         return {"believed": _list_beliefs(doubt)}
 
-    def _make_healed_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _make_healed_gait(self, run: HealRun) -> Phase:
         """A new gait for what the robot is now believed to be."""
-        old, believed = read_gait(done["gait"]), done["verdict"]["believed"]
+        old = read_gait(run.phases["gait"])
+        believed = run.phases["verdict"]["believed"]
         likely = [
             b
             for b in believed[:_MOST_HYPOTHESES]
@@ -295,63 +283,60 @@ class HealPhases:
             return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
         for b in likely:
-            for plant, weight in zip(self.plants, self.weights, strict=True):
-                plants.append(apply_damages(plant, read_damage(b)))
-                weights.append(b["probability"] * weight)
-        gait = self._try_gaits("healed", plants, weights, old)
+            plants += [apply_damages(plant, read_damage(b)) for plant in self.plants]
+            weights += [b["probability"] * weight for weight in self.weights]
+        gait = self._try_gaits("healed", LikelyPlants(plants, weights), old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _try_gaits(
-        self, name: str, plants: Sequence[Plant], weights: Sequence[float], old: Gait
-    ) -> Gait:
+    def _try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
         """Of new gaits and the old one that which gets the broken robot farthest."""
-        seed = self.settings.seed + 1
-        new = self.search(
-            plants, rungs=THREE_GAITS, weights=weights, seed=seed, start=old,
-            progress=partial(self.progress, name),
-        )  # fmt: skip
-        rivals = [*new, evaluate_gait(plants, old, weights=weights, seed=seed)]
+        task = replace(self.task, seed=self.task.seed + 1)
+        report = partial(self.progress, name)
+        new = synthesize_gaits(likely, task, THREE_GAITS, start=old, progress=report)
+        rivals = [*new, evaluate_gait(likely, old, task.seed)]
         distances = []
         for k, gait in enumerate(rivals):
             self.progress(name, f"walking gait {k + 1} of {len(rivals)}", 1.0)
             distances.append(self._walk_damaged(gait, 150 + k)["distance"])
         return rivals[int(np.argmax(np.nan_to_num(distances, nan=-np.inf)))]
 
-    def _walk_damaged(self, gait: Gait, trial: int) -> dict[str, Any]:
+    def _walk_damaged(self, gait: Gait, trial: int) -> Document:
         """A gait on the broken robot: its path, and how far it came."""
         walked = self._walk_robot(self.robots.damaged, gait, SECONDS, trial)
         path = self._extract_path(walked)
         return {**path, "distance": self._measure_distance(path["position"])}
 
-    def _walk_both_gaits(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_both_gaits(self, run: HealRun) -> Phase:
         """The old and the new gait on the broken robot."""
-        found: dict[str, Any] = {}
+        found: Document = {}
         both = {"damaged": "gait", "healed": "healed"}
         for k, (what, name) in enumerate(both.items()):
             self.progress("walked", f"{name} on the broken robot", 0.5 * k)
-            walk = self._walk_damaged(read_gait(done[name]), 200 + k)
+            walk = self._walk_damaged(read_gait(run.phases[name]), 200 + k)
             found[what] = walk.pop("distance")
             found |= {f"{what}_{key}": values for key, values in walk.items()}
         return found
 
-    def _walk_first_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_first_gait(self, run: HealRun) -> Phase:
         """For the report alone: the whole robot's gait on what the robot is now."""
         assert self.past.first is not None
         return self._walk_damaged(self.past.first, 203)
 
-    def _walk_informed_gait(self, done: Mapping[str, Phase]) -> Phase:
+    def _walk_informed_gait(self, run: HealRun) -> Phase:
         """For the report alone: what is found knowing the true damaged body, walked."""
         truth = self.robots.damaged.truth
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self._try_gaits("known", [plant], [1.0], read_gait(done["gait"]))
+        gait = self._try_gaits(
+            "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
+        )
         walk = self._walk_damaged(gait, 202)
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 
 
-def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
+def _list_beliefs(doubt: DamagePosterior) -> list[Document]:
     """The likeliest hypotheses, most likely first, as a phase keeps them."""
     return [
         _format_hypothesis(damage, chance)
@@ -359,17 +344,17 @@ def _list_beliefs(doubt: DamagePosterior) -> list[dict[str, Any]]:
     ]
 
 
-def _format_hypothesis(damage: Damage, chance: float) -> dict[str, Any]:
+def _format_hypothesis(damage: Damage, chance: float) -> Document:
     """A hypothesis as a phase keeps it."""
     extra = {"azimuth": damage.azimuth, "probability": round(chance, 6)}
     return {**damage.document, **extra}
 
 
-def describe_belief(believed: Mapping[str, Any]) -> str:
+def describe_belief(believed: Document) -> str:
     """A hypothesis with its probability, in words."""
     return f"{read_damage(believed)} ({100 * believed['probability']:.0f} %)"
 
 
-def read_damage(believed: Mapping[str, Any]) -> Damage:
+def read_damage(believed: Document) -> Damage:
     """The damage of a hypothesis that a phase keeps."""
     return Damage(**{k: v for k, v in believed.items() if k != "probability"})

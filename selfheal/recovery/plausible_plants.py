@@ -10,14 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import Damage
-from ..engine.plant import Plant, apply_damages
+from ..damage.apply import apply_damages
+from ..damage.kinds import Damage
+from ..engine.plant import Plant
 from ..engine.walk import PERIOD, SAMPLE, list_channels
+from ..evolution.ranking import rank_best_first
 from ..gait.synthesis import randomize_plant
 from .belief import compute_log_t
 from .probes import Probe, extract_values, find_residual_scale, predict_values
 
-_DRAWN_PLANTS, _KEPT = 64, 3  # robots that are tried and kept; chosen
+_DRAWN_PLANTS, KEPT = 64, 3  # robots that are tried and kept; chosen
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ def find_plausible_plants(
     fit = np.where(
         failed, -np.inf, compute_log_t((predicted - whole) / scale).sum(axis=1)
     )
-    best = np.argsort(-fit, kind="stable")[:_KEPT]
+    best = rank_best_first(fit)[:KEPT]
     bias = whole - predicted[best]
     return PlausiblePlants(
         tuple(plants[k] for k in best),

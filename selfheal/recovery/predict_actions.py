@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate_bodies
-from ..body.damage import INTACT, Damage
-from ..engine.plant import apply_damages, build_rated_plant
+from ..damage.apply import apply_damages
+from ..damage.kinds import INTACT, Damage
+from ..engine.plant import build_rated_plant
 from ..engine.statics import Statics
 from ..robot.base import Robot
 from ..robot.rest_readings import read_rest_channels

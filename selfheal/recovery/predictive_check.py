@@ -16,12 +16,13 @@ import numpy as np
 
 from ..body.body import Floats
 from ..body.legged import LeggedRobot
+from ..damage.kinds import KINDS, Damage
 from ..engine.reflex import STEPS_PER_SAMPLE
 from .estimate import Hypothesis, Trial
 from .explain import (
     COMPARED_STEPS,
     DAMAGE_COST,
-    LAST_STEPS,
+    LAST_STEP,
     HypothesisPosterior,
     score_series,
     simulate_hypotheses,
@@ -66,13 +67,12 @@ def _draw_twins(
 ) -> list[Hypothesis]:
     """Hypotheses as likely as they are, values anywhere within their last step."""
     drawn = rng.choice(len(belief.hypotheses), _TWINS, p=belief.probability)
-    return [
-        tuple(
-            replace(d, value=d.value + LAST_STEPS.get(d.kind, 0.0) * rng.uniform(-1, 1))
-            for d in belief.hypotheses[k]
-        )
-        for k in drawn
-    ]
+
+    def move_value(damage: Damage) -> Damage:
+        width = KINDS[damage.kind].recover_values.step * LAST_STEP
+        return replace(damage, value=damage.value + width * rng.uniform(-1, 1))
+
+    return [tuple(map(move_value, belief.hypotheses[k])) for k in drawn]
 
 
 def _score_move(

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.body import Floats, concatenate_bodies
-from ..body.damage import Damage
-from ..engine.plant import Plant, apply_damages, list_motions
+from ..engine.plant import Plant, list_motions
 from ..engine.statics import Statics
 from ..engine.walk import (
     PERIOD,
@@ -144,11 +143,6 @@ def _list_sources(probe: Probe, channels: Channels) -> list[str]:
         return [*sensors[:-2], *sensors]
     kinds = zip(classify_channels(channels.names), sensors, strict=True)
     return [*(s for kind, s in kinds if kind == "angle"), *sensors[:-2]]
-
-
-def apply_each_damage(plant: Plant, damages: Sequence[Damage]) -> list[Plant]:
-    """The plant after each of several damages."""
-    return [apply_damages(plant, damage) for damage in damages]
 
 
 def _simulate_at_rest(

@@ -2,15 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from ..body.damage import Damage, Strike
+from ..damage.apply import Strike
+from ..damage.kinds import Damage
 from ..gait.synthesis import Gait
 from ..schema import ArraySchema, Count, Finite, Number, Probability
-from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 
 
 @dataclass(frozen=True)
@@ -310,26 +311,35 @@ class HealRun(PhasedRun):
         """The name that a phase of a heal, the first is 1, has among those of hours."""
         return name if name == "gait" else f"{name}{_ROUND}{heal}"
 
-    @staticmethod
-    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
-        """Names of the phases one of which comes next; none at the end."""
-        if settings.hours:
-            return _list_next_of_hours(settings, done)
+    def list_next_phases(self, done: Sequence[str]) -> Sequence[str]:
+        """See `PhasedRun`."""
+        if self.settings.hours:
+            return self._list_next_of_hours(done)
         if len(done) < len(_FIRST):
             return _FIRST[len(done) :][:1]
         if "verdict" not in done:
             return f"ask-{len(done) - len(_FIRST) + 1:02d}", "verdict"
         return _LAST[len(done) - done.index("verdict") - 1 :][:1]
 
-    @staticmethod
-    def find_schema(settings: Any, name: str) -> PhaseSchema:
-        """What a file holds of a phase."""
+    def _list_next_of_hours(self, done: Sequence[str]) -> Sequence[str]:
+        last = done[-1] if done else ""
+        heal = int(last.partition(_ROUND)[2] or 1)
+        here = [n for n in done if n == "gait" or n.endswith(f"{_ROUND}{heal}")]
+        own = [name.partition(_ROUND)[0] for name in here]
+        left = self.heals[0].list_next_phases(own)
+        if not left:
+            left, heal = ["whole"], heal + 1
+        named = ["first" if name == "known" else name for name in left]
+        return [self.name_phase(name, heal) for name in named]
+
+    def find_schema(self, name: str) -> PhaseSchema:
+        """See `PhasedRun`."""
         return _SCHEMAS[name.partition(_ROUND)[0].partition("-")[0]]
 
-    @classmethod
-    def find_result(cls, settings: Any) -> type:
-        """What a file holds of the result."""
-        return HoursResult if settings.hours else HealResult
+    @property
+    def result_schema(self) -> type:
+        """See `PhasedRun`."""
+        return HoursResult if self.settings.hours else HealResult
 
     def explain_misfit(self) -> str:
         """What does not fit together; a result needs all phases."""
@@ -343,7 +353,7 @@ class HealRun(PhasedRun):
             if self.result and sum(map(bool, raised)) != sum(map(bool, stated)):
                 return "the result and the phases differ in how many alarms there were"
             return ""
-        left = self.list_next_phases(self.settings, tuple(self.phases))
+        left = self.list_next_phases(tuple(self.phases))
         if self.result and left:
             return f"there is a result, but no phase {' or '.join(left)}"
         if self.result:
@@ -353,23 +363,7 @@ class HealRun(PhasedRun):
         return ""
 
 
-def _list_next_of_hours(settings: Any, done: Sequence[str]) -> Sequence[str]:
-    """Names of the phases of hours one of which comes next."""
-    last = done[-1] if done else ""
-    heal = int(last.partition(_ROUND)[2] or 1)
-    own = [name.partition(_ROUND)[0] for name in done
-           if name == "gait" or name.endswith(f"{_ROUND}{heal}")]  # fmt: skip
-    single = replace(settings, hours=0.0, onsets=())
-    left = [
-        "first" if name == "known" else name
-        for name in HealRun.list_next_phases(single, own)
-    ]
-    if not left:
-        left, heal = ["whole"], heal + 1
-    return [HealRun.name_phase(name, heal) for name in left]
-
-
-def serialize_gait(gait: Gait) -> dict[str, Any]:
+def serialize_gait(gait: Gait) -> Document:
     """A gait as a phase keeps it."""
     return asdict(gait)
 

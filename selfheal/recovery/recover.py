@@ -7,26 +7,22 @@ there are only explore-K, a gait of the whole robot from a search of its own, an
 trial-K. Without a model: hardware (evolution on the robot) in their place.
 """
 
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from ..body.body import Floats
-from ..engine.reflex import (
-    Rollouts,
-    build_damaged_plants,
-    scale_physics,
-    simulate_controllers,
-)
-from ..gait.genetic import (
-    KEPT,
-    MUTATION,
+from ..damage.apply import build_damaged_plants
+from ..engine.reflex import Rollouts, scale_physics, simulate_controllers
+from ..evolution.genetic import (
+    Breeding,
     Population,
     Score,
     evolve_population,
     start_population,
 )
+from ..evolution.ranking import rank_best_first
 from ..robot.driven_robot import DrivenRobot
 from .belief import CandidateAction, choose_action
 from .estimate import (
@@ -39,7 +35,7 @@ from .estimate import (
 )
 from .explain import estimate_damage
 from .fit_physics import fit_physics
-from .phased_run import Phase, run_phases
+from .phased_run import Document, Phase, Progress, ignore_progress, run_phases
 from .predictive_check import is_refuted
 from .recover_run import (
     RecoverRun,
@@ -51,20 +47,18 @@ from .recover_run import (
 )
 
 HARDWARE_GENERATIONS = 70  # generations on the robot itself (overview.txt 4.4)
-_MUTATION = 0.03  # of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
-_SEEDS_PER_SEARCH = (
-    10  # of the best controllers of each search before; chosen: all crowd the new
-)
+AS_DESCRIBED = Breeding()
+# of our searches; chosen: 10.9 m where 1 % reached 9.6, one case
+OURS = replace(AS_DESCRIBED, mutation=0.03)
+# of the best controllers of each search before; chosen: all crowd the new
+_SEEDS_PER_SEARCH = 10
 _SURE_PROBABILITY, _LEAST_PROBABILITY = 0.95, 0.05  # of a hypothesis; chosen
 _MOST_HYPOTHESES = 3  # hypotheses that a controller has to suit; chosen
 # A trial that separates hypotheses is one of so many controllers, of which none is
 # predicted to lose more than this share of the best one's way; chosen
 _CANDIDATES, _LEAST_SHARE, _MOST_SEPARATED = 12, 0.7, 8
-_SAMPLE_STRIDE = (
-    10  # samples of a series for one that is compared in choosing: half a second
-)
-
-Progress = Callable[[str, str, float], None]
+# samples of a series for one that is compared in choosing: half a second
+_SAMPLE_STRIDE = 10
 
 
 def recover_robot(
@@ -72,7 +66,7 @@ def recover_robot(
     settings: RecoverSettings,
     *,
     run: RecoverRun | None = None,
-    progress: Progress = lambda phase, what, share: None,
+    progress: Progress = ignore_progress,
 ) -> Iterator[RecoverRun]:
     """Walk, break, find out what broke, walk again; a yield a phase, result at the end.
 
@@ -87,7 +81,7 @@ def recover_robot(
 def _find_next_phase(run: RecoverRun) -> str:
     """The name of the next phase; none at the end."""
     settings, done = run.settings, list(run.phases)
-    left = run.list_next_phases(settings, done)
+    left = run.list_next_phases(done)
     tried = len(run.trials) - 1
     if settings.method != "ours" or tried < 1 or done[-1].startswith("explore"):
         return left[0] if left else ""
@@ -109,6 +103,7 @@ class RecoverPhases:
         self.intact, self.damaged = robot, robot.struck(settings.damage)
         self.legged, self.settings = robot.legged, settings
         self.progress = progress
+        self.no_seeds = np.empty((0, self.legged.synapses))  # a search from nothing
         self.no_scaling = np.ones(2 + len(self.legged.motors))  # the model, not scaled
 
     def run_next(self, run: RecoverRun) -> tuple[str, Phase] | None:
@@ -134,15 +129,10 @@ class RecoverPhases:
         self, name: str, run: RecoverRun, rng: np.random.Generator
     ) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
-        pool = self._run_search(
-            name, self._make_displacement_score([((), 1.0)], self.no_scaling), rng, None
-        )
+        score = self._make_displacement_score([((), 1.0)], self.no_scaling)
+        pool = self._run_search(name, score, rng, self.no_seeds, AS_DESCRIBED)
         walk = self.intact.run_trials(pool.genomes[:1])
-        found = {
-            **_serialize_population(pool),
-            "weights": pool.genomes[0],
-            **_serialize_rollout(walk),
-        }
+        found = _describe_walk(pool, walk)
         if self.settings.method == "ours":
             found["trims"] = self._fit_physics(name, found, rng)
         return found
@@ -169,19 +159,18 @@ class RecoverPhases:
         """What may have broken."""
         if self.settings.method == "ours":
             return self._estimate_from_series(name, run, rng)
-        earlier = [p["genome"] for p in run.estimates]
+        earlier = np.array([p["genome"] for p in run.estimates])
+        seeds = earlier.reshape(-1, GENES * VALUES)
         score = make_damage_score(self.legged, run.trials)
-        pool = self._run_search(
-            name,
-            score,
-            rng,
-            np.array(earlier) if earlier else None,
-            size=GENES * VALUES,
-        )
+        pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
         (best,) = decode_hypotheses(pool.genomes[:1], self.legged)
-        return {"believed": serialize_hypotheses([best]), "probability": [1.0],
-                "genome": pool.genomes[0], "best": pool.best,
-                "asked": pool.evaluations}  # fmt: skip
+        return {
+            "believed": serialize_hypotheses([best]),
+            "probability": [1.0],
+            "genome": pool.genomes[0],
+            "best": pool.best,
+            "asked": pool.evaluations,
+        }
 
     def _estimate_from_series(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -197,10 +186,13 @@ class RecoverPhases:
             self.legged, whole["trims"], run.trials, whole["sensed"], known, report
         )
         refuted = bool(list(run.phases.values())[-1].get("refuted"))
-        return {"believed": serialize_hypotheses(belief.hypotheses),
-                "probability": belief.probability.tolist(), "scale": belief.scale,
-                "unlisted": refuted and is_refuted(self.legged, whole["trims"], belief,
-                                                   run.trials, rng)}  # fmt: skip
+        return {
+            "believed": serialize_hypotheses(belief.hypotheses),
+            "probability": belief.probability.tolist(),
+            "scale": belief.scale,
+            "unlisted": refuted
+            and is_refuted(self.legged, whole["trims"], belief, run.trials, rng),
+        }
 
     def _evolve_controller(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -218,27 +210,19 @@ class RecoverPhases:
             ]
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
-            seeds = None if afresh else np.unique(np.concatenate(searched), axis=0)
+            seeds = np.unique(np.concatenate(searched), axis=0)
+            seeds = self.no_seeds if afresh else seeds
             scaling = run.phases["original"]["trims"][0]
             score = self._make_displacement_score(_keep_plausible(believed), scaling)
-            pool = self._run_search(name, score, rng, seeds, mutation=_MUTATION)
+            pool = self._run_search(name, score, rng, seeds, OURS)
             scale = phase["scale"]
             pick, why = self._choose_separating(pool, believed, scaling, scale, rng)
         else:
             seeds = np.array([trial.weights for trial in run.trials])
-            pool = self._run_search(
-                name,
-                self._make_displacement_score(believed, self.no_scaling),
-                rng,
-                seeds,
-            )
+            score = self._make_displacement_score(believed, self.no_scaling)
+            pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
             pick, why = 0, "the best one"
-        return {
-            **_serialize_population(pool),
-            "weights": pool.genomes[pick],
-            "why": why,
-            "predicted": float(pool.scores[pick]),
-        }
+        return _describe_choice(pool, pick, why)
 
     def _evolve_another(
         self, name: str, run: RecoverRun, rng: np.random.Generator
@@ -251,10 +235,8 @@ class RecoverPhases:
         score = self._make_displacement_score(
             [((), 1.0)], run.phases["original"]["trims"][0]
         )
-        pool = self._run_search(name, score, rng, None, mutation=_MUTATION)
-        return {**_serialize_population(pool), "weights": pool.genomes[0],
-                "why": "another gait of the whole robot",
-                "predicted": float(pool.scores[0])}  # fmt: skip
+        pool = self._run_search(name, score, rng, self.no_seeds, OURS)
+        return _describe_choice(pool, 0, "another gait of the whole robot")
 
     def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
         """The last controller on the broken robot."""
@@ -281,33 +263,27 @@ class RecoverPhases:
 
         kept = run.phases["original"]["pool"]
         ways = score(kept)
-        order = np.argsort(-ways, kind="stable")
+        order = rank_best_first(ways)
         pool = Population(kept[order], ways[order], ways[order[:1]], len(kept))
-        steps = evolve_population(pool, score, rng, HARDWARE_GENERATIONS)
+        steps = evolve_population(pool, score, rng, AS_DESCRIBED, HARDWARE_GENERATIONS)
         for step, pool in enumerate(steps):
             self.progress(
                 name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
             )
-        walk = self.damaged.run_trials(pool.genomes[:1])
-        return {
-            **_serialize_population(pool),
-            "weights": pool.genomes[0],
-            **_serialize_rollout(walk),
-        }
+        return _describe_walk(pool, self.damaged.run_trials(pool.genomes[:1]))
 
     def _run_search(
         self,
         name: str,
         score: Score,
         rng: np.random.Generator,
-        seeds: Floats | None,
-        size: int = 0,
-        mutation: float = MUTATION,
+        seeds: Floats,
+        breeding: Breeding,
     ) -> Population:
-        """The search of 2004, of controllers if no other size is given."""
-        pool = start_population(size or self.legged.synapses, score, rng, seeds)
+        """The search of 2004, from what earlier ones found."""
+        pool = start_population(seeds, score, rng, breeding)
         count = self.settings.generations
-        steps = evolve_population(pool, score, rng, count - 1, mutation)
+        steps = evolve_population(pool, score, rng, breeding, count - 1)
         for step, pool in enumerate(steps):
             self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
         return pool
@@ -375,12 +351,25 @@ def _keep_plausible(
     return [(h, p / total) for h, p in kept]
 
 
-def _serialize_population(pool: Population) -> dict[str, Any]:
+def _describe_choice(pool: Population, pick: int, why: str) -> Phase:
+    """What a phase keeps of a search, and of the controller that is tried next."""
+    chosen = {"weights": pool.genomes[pick], "predicted": float(pool.scores[pick])}
+    return {**_serialize_population(pool), **chosen, "why": why}
+
+
+def _describe_walk(pool: Population, walk: Rollouts) -> Document:
+    """What a phase keeps of a search, and of a run under its best controller."""
+    best = {"weights": pool.genomes[0]}
+    return {**_serialize_population(pool), **best, **_serialize_rollout(walk)}
+
+
+def _serialize_population(pool: Population) -> Phase:
     """What a phase keeps of a search."""
-    return {"pool": pool.genomes[:KEPT], "best": pool.best, "asked": pool.evaluations}
+    kept = pool.genomes[: AS_DESCRIBED.kept]
+    return {"pool": kept, "best": pool.best, "asked": pool.evaluations}
 
 
-def _serialize_rollout(drives: Rollouts) -> dict[str, Any]:
+def _serialize_rollout(drives: Rollouts) -> Document:
     """What a phase keeps of one run of the robot."""
-    return {"way": float(drives.displacement[0]), "sensed": drives.sensors[0],
-            "path": drives.path[0]}  # fmt: skip
+    way = float(drives.displacement[0])
+    return {"way": way, "sensed": drives.sensors[0], "path": drives.path[0]}

@@ -2,19 +2,21 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from ..body.damage import INTACT, Damage, describe_damages, explain_misfit
-from ..body.legged import LeggedRobot, load_legged_robot, reduce_damages
+from ..body.legged import LeggedRobot, load_legged_robot
+from ..damage.apply import reduce_damages
+from ..damage.kinds import INTACT, Damage
+from ..damage.words import describe_damages, explain_misfit
 from ..engine.reflex import STEPS, STEPS_PER_SAMPLE
 from ..robot.scenarios import SCENARIOS
 from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
 from .estimate import ESTIMATED_KINDS, GENES, VALUES, Hypothesis, Trial
 from .explain import HypothesisPosterior
-from .phased_run import KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
 from .record import Distances
 
 METHODS = {
@@ -187,10 +189,9 @@ class RecoverRun(PhasedRun):
             if name in done
         ]
 
-    @staticmethod
-    def measure_sizes(settings: Any) -> dict[str, int]:
-        """Lengths that arrays of a run with these settings have, by name."""
-        robot = settings.legged_robot
+    def measure_sizes(self) -> dict[str, int]:
+        """See `PhasedRun`."""
+        robot = self.settings.legged_robot
         return {
             "W": robot.synapses,
             "S": len(robot.sensors),
@@ -198,22 +199,22 @@ class RecoverRun(PhasedRun):
             "factors": 2 + len(robot.motors),
         }
 
-    @staticmethod
-    def list_next_phases(settings: Any, done: Sequence[str]) -> Sequence[str]:
-        """Names of the phases one of which comes next; none at the end."""
-        names = RecoverRun.list_phases(settings)
+    def list_next_phases(self, done: Sequence[str]) -> Sequence[str]:
+        """See `PhasedRun`."""
+        names = self.list_phases()
         left = names[names.index(done[-1]) + 1 :] if done else names
-        may_skip = settings.method == "ours" and done and done[-1].startswith("trial")
+        ours = self.settings.method == "ours"
+        may_skip = ours and done and done[-1].startswith("trial")
         skips = bool(may_skip and left and left[0].startswith("estimate"))
         return left[: 1 + skips]
 
-    @staticmethod
-    def list_phases(settings: Any) -> list[str]:
+    def list_phases(self) -> list[str]:
         """Names of all phases that there may be, in order.
 
         Our way may end after any trial or estimate but the first, and leaves out
         estimates once no listed damage explains what was sensed.
         """
+        settings = self.settings
         if settings.method == "hardware-only":
             return ["original", "failure", "hardware"]
         ours = settings.method == "ours"
@@ -223,15 +224,15 @@ class RecoverRun(PhasedRun):
             "explore": trials,
             "trial": trials,
         }
-        turns = [f"{what}-{k}" for k in range(1, max(most.values()) + 1)
-                 for what in most if k <= most[what]]  # fmt: skip
-        return ["original", "failure", *turns]
+        last = max(most.values())
+        turns = [(k, what) for k in range(1, last + 1) for what in most]
+        names = [f"{what}-{k}" for k, what in turns if k <= most[what]]
+        return ["original", "failure", *names]
 
-    @staticmethod
-    def find_schema(settings: Any, name: str) -> PhaseSchema:
-        """What a file holds of a phase."""
+    def find_schema(self, name: str) -> PhaseSchema:
+        """See `PhasedRun`."""
         kind = name.partition("-")[0]
-        ours = _OURS if settings.method == "ours" else {}
+        ours = _OURS if self.settings.method == "ours" else {}
         return ours.get(kind, _SCHEMAS[kind])
 
     def explain_misfit(self) -> str:
@@ -249,7 +250,7 @@ class RecoverRun(PhasedRun):
         for name, phase in self.phases.items():
             if len(phase.get("believed", ())) != len(phase.get("probability", ())):
                 return f"{name} has not a probability for each hypothesis"
-        left = self.list_next_phases(s, names)
+        left = self.list_next_phases(names)
         ended = bool(names) and names[-1].startswith(("trial", "estimate"))
         may_end = s.method == "ours" and ended and "trial-1" in names
         if self.result and left and not may_end:
@@ -258,8 +259,8 @@ class RecoverRun(PhasedRun):
 
     def _list_believed(self) -> list[tuple[str, Hypothesis]]:
         """Phase and damages of each hypothesis."""
-        return [(name, h) for name, phase in self.phases.items()
-                if "believed" in phase for h in read_hypotheses(phase)]  # fmt: skip
+        told = {n: p for n, p in self.phases.items() if "believed" in p}
+        return [(name, h) for name, p in told.items() for h in read_hypotheses(p)]
 
 
 def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
@@ -291,7 +292,7 @@ def summarize_beliefs(phase: Phase) -> dict[str, float]:
     return shares
 
 
-def summarize_run(run: RecoverRun) -> dict[str, Any]:
+def summarize_run(run: RecoverRun) -> Document:
     """What `recover --json` prints (contract section 3)."""
     s, p = run.settings, run.phases
     tried = [name for name in p if name.startswith("trial")]
@@ -338,7 +339,7 @@ def _round_finite(value: float) -> float | None:
     return round(float(value), 4) if np.isfinite(value) else None
 
 
-def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
+def _list_marginals(run: RecoverRun) -> list[Document]:
     """Each damage of the best hypothesis, and how likely it is by itself.
 
     None where no listed damage explains what was sensed.
@@ -349,9 +350,8 @@ def _list_marginals(run: RecoverRun) -> list[dict[str, Any]]:
     believed, chance = read_hypotheses(last), last["probability"]
 
     def share(damage: Damage) -> float:
-        said = [any((d.kind, d.target) == (damage.kind, damage.target) for d in h)
-                or (h == () and damage == INTACT) for h in believed]  # fmt: skip
-        return sum(p for p, one in zip(chance, said, strict=True) if one)
+        named = [damage.place in [d.place for d in h or (INTACT,)] for h in believed]
+        return sum(p for p, one in zip(chance, named, strict=True) if one)
 
     marginals = [
         {**d.document, "probability": round(share(d), 4)}
@@ -372,4 +372,4 @@ def is_damage_named(run: RecoverRun) -> bool | None:
     if run.unlisted:
         return False
     said = read_hypotheses(run.estimates[-1])[0]
-    return {(d.kind, d.target) for d in said} == {(d.kind, d.target) for d in true}
+    return {d.place for d in said} == {d.place for d in true}

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..body.body import Floats, Ints
-from ..body.damage import Damage
+from ..damage.apply import apply_damages
+from ..damage.kinds import Damage
 from ..engine.plant import Plant
 from ..engine.walk import list_channels
+from ..evolution.ranking import rank_best_first
 from .belief import (
     CandidateAction,
     ResidualNoise,
@@ -28,7 +30,6 @@ from .plausible_plants import PlausiblePlants, predict_walk
 from .probes import (
     DRIFT,
     Probe,
-    apply_each_damage,
     approximate_values,
     compute_slopes,
     extract_values,
@@ -40,9 +41,8 @@ SURE = 0.95  # of one kind and target: enough to act on; chosen
 MOST_ACTIONS = 12  # actions, however unsure; chosen
 _FEWEST_ACTIONS = 2  # actions, however sure: the first may have been read badly; chosen
 _SIZE_ACTIONS = 5  # actions in which a part's scale is asked for; chosen
-_LEAST_GAIN = (
-    0.05  # [nats] that an action must be expected to tell, to be taken; chosen
-)
+# [nats] that an action must be expected to tell, to be taken; chosen
+_LEAST_GAIN = 0.05
 _REFINEMENTS = 4  # rounds of finer values once the kind is known
 
 
@@ -85,7 +85,7 @@ class DamagePosterior:
 
     def __post_init__(self) -> None:
         """Lay out the hypotheses' plants."""
-        self._plants = apply_each_damage(self.plant, self.damages)
+        self._plants = [apply_damages(self.plant, d) for d in self.damages]
         self._names = list_channels(self.plant.body.anatomy).names
         self._scales = [
             widen_scale(
@@ -151,11 +151,6 @@ class DamagePosterior:
             return group
         return np.where(group == chance.argmax(), np.arange(len(group)), len(group))
 
-    def _needs_size(self) -> bool:
-        """Whether it is a part's scale, and how much is not measured enough yet."""
-        kind = self.rank_damages()[0][0].kind
-        return kind == "part_scale" and len(self.taken) < _SIZE_ACTIONS
-
     def _approximate(self, first: int, probe: Probe) -> Floats:
         """(H - first, K, M) what hypotheses from `first` on are guessed to show."""
         if probe.target is not None:
@@ -215,7 +210,7 @@ class DamagePosterior:
         """Add hypotheses between the best ones; whether there were any."""
         new = refine_damages(self.damages, self.compute_log_weights(), count)
         self.damages += new
-        self._plants += apply_each_damage(self.plant, new)
+        self._plants += [apply_damages(self.plant, damage) for damage in new]
         for action in self.taken:
             self._extend_table(self._tables, action.probe, self._predict)
             self._extend_table(self._slopes, action.probe, self._compute_slopes)
@@ -227,10 +222,10 @@ class DamagePosterior:
         The probability is that of all values of this kind and target together.
         """
         weight = self.compute_log_weights()
-        names, group = group_damages(self.damages)
+        _, group = group_damages(self.damages)
         chance = sum_over_groups(compute_posterior(weight), group)
         best = []
-        for g in np.argsort(-chance, kind="stable"):
+        for g in rank_best_first(chance):
             members = np.flatnonzero(group == g)
             damage = self.damages[members[np.argmax(weight[members])]]
             best.append((damage, float(chance[g])))
@@ -241,6 +236,7 @@ class DamagePosterior:
         """Whether it is sure enough, or has acted enough."""
         if len(self.taken) < _FEWEST_ACTIONS:
             return False
-        if self.rank_damages()[0][1] >= SURE:
-            return not self._needs_size()
+        best, chance = self.rank_damages()[0]
+        if chance >= SURE:  # how much is left of a part takes more to measure
+            return best.kind != "part_scale" or len(self.taken) >= _SIZE_ACTIONS
         return len(self.taken) >= MOST_ACTIONS

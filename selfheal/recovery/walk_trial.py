@@ -1,15 +1,15 @@
 """A trial of a walk: a self-modeling run and its robot in, a gait walked on it out."""
 
-from typing import Any
-
 import numpy as np
 
-from ..body.body import GRAVITY, Bodies
+from ..body.body import GRAVITY
 from ..engine.plant import build_rated_plant
 from ..gait.pattern import SECONDS
 from ..gait.rival_bodies import select_rival_bodies
 from ..gait.synthesis import (
     ONE_GAIT,
+    GaitTask,
+    LikelyPlants,
     Progress,
     project_on_heading,
     synthesize_gaits,
@@ -18,21 +18,11 @@ from ..gait.synthesis import (
 from ..robot.base import Walker
 from ..robot.read_channels import read_position
 from ..selfmodel.run import Run
+from .phased_run import Document
 
 
-def walk_trial(
-    run: Run,
-    robot: Walker,
-    *,
-    name: str,
-    heading: float,
-    seed: int,
-    progress: Progress,
-) -> dict[str, Any]:
+def walk_trial(run: Run, robot: Walker, task: GaitTask, progress: Progress) -> Document:
     """Synthesize a gait from what a run believes, and walk it on the robot.
-
-    Args:
-        heading: direction to walk [rad].
 
     Returns:
         What `selfheal gait --json` prints. Energy is the positive mechanical work of
@@ -40,21 +30,22 @@ def walk_trial(
     """
     models, weights = select_rival_bodies(run)
     plants = [build_rated_plant(models[[k]]) for k in range(len(models))]
-    (gait,) = synthesize_gaits(
-        plants, rungs=ONE_GAIT, weights=weights, name=name, heading=heading,
-        seed=seed, progress=progress,
-    )  # fmt: skip
+    likely = LikelyPlants(plants, weights)
+    (gait,) = synthesize_gaits(likely, task, ONE_GAIT, progress=progress)
     path = read_position(robot.move(gait.commands(run.anatomy.size)))
-    along, across = project_on_heading(path[-1], heading)
+    along, across = project_on_heading(path[-1], task.heading)
     energy = float(walk_gait(plants[:1], gait).energy[0])
-    cost = energy / (_sum_masses(models) * GRAVITY * max(gait.predicted, 1e-3))
+    known = models.anatomy
+    parts = np.sum(models.mass[0]) + np.sum(known.block_mass)
+    weight = GRAVITY * (known.torso_mass + float(parts))
+    cost = energy / (weight * max(gait.predicted, 1e-3))
     return {
         "format": "selfheal-gait",
         "version": 1,
         "robot": robot.name,
-        "seed": seed,
+        "seed": task.seed,
         "gait": gait.pattern,
-        "heading": round(float(np.degrees(heading)), 3),
+        "heading": round(float(np.degrees(task.heading)), 3),
         "duration": SECONDS,
         "walked": round(float(along), 4),
         "across": round(float(across), 4),
@@ -71,10 +62,3 @@ def walk_trial(
         "simulations": gait.simulations,
         "failed": gait.failed,
     }
-
-
-def _sum_masses(models: Bodies) -> float:
-    """Mass of the first body of a batch, its torso and motor blocks with it [kg]."""
-    known = models.anatomy
-    parts = np.sum(models.mass[0]) + np.sum(known.block_mass)
-    return known.torso_mass + float(parts)

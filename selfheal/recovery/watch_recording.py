@@ -1,7 +1,6 @@
 """Watching a recording: a body and a recording in, when they stopped fitting out."""
 
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from .monitor import (
     watch_poses,
     watch_walk,
 )
+from .phased_run import Document
 from .probes import REST_SCALES, Probe, approximate_values, classify_channels
 
 _LEAST = 3  # cycles to learn from, at least
@@ -37,7 +37,7 @@ def watch_recording(
     *,
     learn: float | None = None,
     cycle: float | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Document]:
     """When each episode of a recording stopped fitting a body.
 
     An episode over time is learned from at its start, where the robot is taken for
@@ -111,7 +111,7 @@ def _watch_episode(
     name: str,
     learn: float | None,
     cycle: float | None,
-) -> dict[str, Any]:
+) -> Document:
     """One episode over time."""
     episode, where = recording.episodes[name], f"{recording.file}, episode {name!r}"
     commands = _resample_commands(episode, body.anatomy, where)
@@ -146,7 +146,7 @@ def _watch_episode(
     }
 
 
-def _format_alarm(alarm: Alarm | None, begin: float = 0.0) -> dict[str, Any] | None:
+def _format_alarm(alarm: Alarm | None, begin: float = 0.0) -> Document | None:
     """An alarm as a document, in the time of an episode that began then [s]."""
     if alarm is None:
         return None
@@ -171,7 +171,7 @@ def _find_period(commands: Floats) -> float:
 
 def _watch_rest_episodes(
     body: Bodies, recording: Recording, names: list[str], anatomy: Anatomy
-) -> dict[str, Any]:
+) -> Document:
     """Episodes of one reading at rest each."""
     channels, plants = list_channels(anatomy), [build_rated_plant(body)]
     measured, expected = [], []

@@ -5,7 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..body.body import Bodies, concatenate_bodies
-from ..engine.plant import apply_damages, build_rated_plant
+from ..damage.apply import apply_damages
+from ..engine.plant import build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..gait.synthesis import project_on_heading

@@ -3,7 +3,8 @@
 import numpy as np
 
 from ..body.body import Bodies
-from ..engine.plant import apply_damages, build_rated_plant
+from ..damage.apply import apply_damages
+from ..engine.plant import build_rated_plant
 from ..engine.walk import SAMPLE
 from ..gait.pattern import SECONDS
 from ..recovery.hours import list_believed, list_first_speeds, list_walks

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import describe_damages
+from ..damage.words import describe_damages
 from ..engine.reflex import SAMPLE
 from ..recovery.phased_run import Phase
 from ..recovery.recover_run import (

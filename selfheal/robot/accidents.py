@@ -5,24 +5,22 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import Anatomy, Bodies
-from ..body.damage import Damage, Strike, list_sensors, parse_damages
-from ..engine.plant import list_gone_targets
+from ..damage.apply import Strike, list_gone_targets
+from ..damage.kinds import KINDS, Damage
+from ..damage.words import list_names, parse_damages
 from ..errors import InputError
 
-# Chosen: wide enough to matter, and inside paper A's 0.1 to 2 for scales.
-_SCALE, _STRENGTH, _JAM = (0.1, 0.75), (0.15, 0.5), np.radians((-45.0, 45.0))
-_SLOPE, _FRICTION = np.radians((5.0, 12.0)), (0.05, 0.2)
 BODY_KINDS = ("part_scale", "limb_loss", "joint_jam", "weak_motor", "sensor_dead")
 WORLD_KINDS = ("slope", "ground_friction")
 # [s] between damages; chosen: an hour has about six, and what is left of the robot of
 # 2006 after as many still walks. Of less than 20 minutes it is half, for two damages.
 _MEAN_TIME = 600.0
 _TRIES = 1000  # draws in vain after which all that can break is broken; chosen
-_GROWING, _STEPS = ("part_scale", "weak_motor"), 3  # kinds that come in so many steps
+_STEPS = 3  # of damages that grow; chosen
 
 
 def parse_accident(text: str, anatomy: Anatomy) -> tuple[Damage, ...]:
-    """The damages of a text as `body.damage.parse_damages` takes, or of "random:SEED".
+    """The damages of a text as `damage.words.parse_damages` takes, or of "random:SEED".
 
     Raises:
         InputError: it is neither.
@@ -46,26 +44,11 @@ def draw_damage(
     Args:
         kinds: of damage that may be drawn.
     """
-    kind = str(rng.choice(kinds))
-    if kind in ("part_scale", "limb_loss"):
-        part = f"body:{rng.choice(anatomy.parts)}"
-        scale = float(rng.uniform(*_SCALE)) if kind == "part_scale" else 0.0
-        return Damage(kind, part, scale)
-    if kind == "joint_jam":
-        joint = f"joint:{rng.choice(anatomy.joints)}"
-        return Damage(kind, joint, float(rng.uniform(*_JAM)))
-    if kind == "weak_motor":
-        servo = f"actuator:{rng.choice(anatomy.joints)}_servo"
-        return Damage(kind, servo, float(rng.uniform(*_STRENGTH)))
-    if kind == "sensor_dead":
-        return Damage(kind, f"sensor:{rng.choice(list_sensors(anatomy))}")
-    if kind == "weak_sensor":
-        sensor = f"sensor:{rng.choice(list_sensors(anatomy))}"
-        return Damage(kind, sensor, float(rng.uniform(*_STRENGTH)))
-    if kind == "slope":
-        azimuth = float(rng.uniform(0, 2 * np.pi))
-        return Damage(kind, value=float(rng.uniform(*_SLOPE)), azimuth=azimuth)
-    return Damage(kind, value=float(rng.uniform(*_FRICTION)))
+    kind = KINDS[str(rng.choice(kinds))]
+    target = kind.make_target(str(rng.choice(list_names(anatomy)[kind.sort])))
+    azimuth = float(rng.uniform(0, 2 * np.pi)) if kind.has_azimuth else 0.0
+    value = float(rng.uniform(*kind.drawn)) if kind.drawn else 0.0
+    return Damage(kind.name, target, value, azimuth)
 
 
 def draw_strikes(
@@ -94,7 +77,7 @@ def draw_strikes(
             if drawn is None:
                 break
             damage = drawn
-            if damage.kind in _GROWING and rng.random() < 0.5:
+            if KINDS[damage.kind].grows and rng.random() < 0.5:
                 damage = replace(damage, value=damage.value ** (1 / _STEPS))
                 growing += [damage] * (_STEPS - 1)
         strikes.append(Strike(round(time, 3), damage))

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
-from ..body.damage import Damage
+from ..damage.kinds import Damage
 from ..errors import InputError
 from ..recording import Recording
 

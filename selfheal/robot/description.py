@@ -6,12 +6,12 @@ states and that is hidden from who identifies it.
 
 import fnmatch
 import re
-from dataclasses import field, replace
+from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, cast
+from typing import Annotated, cast
 
 import numpy as np
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as checked
 
 from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
@@ -29,7 +29,7 @@ from .driver import drive_by_class
 from .replay import replay
 from .simulated import SimulatedRobot
 
-_STRICT: Any = {"extra": "forbid"}
+_STRICT = ConfigDict(extra="forbid")
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _Size = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 _Number = Annotated[float, Field(allow_inf_nan=False)]
@@ -138,15 +138,6 @@ class Description:
     ordered: bool = True
 
 
-def read_description(path: str | Path) -> Description:
-    """Read the description of a robot.
-
-    Raises:
-        InputError: it is missing, no TOML, or states something that is not known.
-    """
-    return read_toml(path, Description)
-
-
 def make_anatomy(described: Description) -> Anatomy:
     """What a described robot knows of its parts.
 
@@ -164,24 +155,29 @@ def make_anatomy(described: Description) -> Anatomy:
     kinds = [kind for kind, _ in rows]
     boxes = [kind.housing for kind in kinds]
     half = np.array(described.torso.size) / 2
+    bends = np.radians([kind.bend for kind in kinds])
     anatomy = Anatomy(
-        name=described.name, parts=tuple(names), joints=tuple(joints), torso_half=half,
+        name=described.name,
+        parts=tuple(names),
+        joints=tuple(joints),
+        torso_half=half,
         torso_mass=described.torso.mass,
         rim=np.array(described.torso.rim or (half[0], half[1], 0.0)),
         length=np.array([kind.length for kind in kinds]),
         radius=np.array([kind.radius for kind in kinds]),
         mass=np.array([kind.mass for kind in kinds]),
-        block_half=np.array([np.array(b.size) / 2 if b else np.zeros(3)
-                             for b in boxes]),
+        block_half=np.array(
+            [np.array(b.size) / 2 if b else np.zeros(3) for b in boxes]
+        ),
         block_center=np.array([b.center if b else 0.0 for b in boxes]),
         block_mass=np.array([b.mass if b else 0.0 for b in boxes]),
         feet=tuple(i + 1 for i, kind in enumerate(kinds) if kind.foot),
         hinges=_list_hinges(kinds),
-        bends=tuple(np.radians([kind.bend for kind in kinds]).tolist())
-        if any(kind.bend for kind in kinds) else (),
-        fixed=described.torso.fixed, ordered=described.ordered,
-    )  # fmt: skip
-    anatomy = replace(anatomy, sensors=_list_sensors(described.sensors, names))
+        bends=tuple(bends.tolist()) if bends.any() else (),
+        fixed=described.torso.fixed,
+        ordered=described.ordered,
+        sensors=_list_sensors(described.sensors, names),
+    )
     list_channels(anatomy)  # refuses what does not fit
     return anatomy
 
@@ -294,7 +290,7 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
         anatomy, actions = body.anatomy, list_actions_2006(body.anatomy.size)
         driver = ""
     else:
-        described = read_description(path)
+        described = read_toml(path, Description)
         try:
             anatomy = make_anatomy(described)
             actions = list_actions(described, anatomy)
@@ -302,14 +298,12 @@ def open_description(path: str, seed: int, recordings: Path | None) -> Robot:
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
     if recordings is not None:
-        made: Any = replay(path, read(recordings), anatomy, truth)
-    elif driver:
-        made = drive_by_class(path, anatomy, actions, driver, truth)
-    elif truth is not None:
-        made = SimulatedRobot(path, truth, seed, offers=actions)
-    else:
-        raise InputError(
-            f"{path}: nothing answers for this robot; would fit: --recordings FILE.h5, "
-            'driver = "FILE.py:CLASS" in the file, or a [body] that is simulated'
-        )
-    return cast(Robot, made)
+        return cast(Robot, replay(path, read(recordings), anatomy, truth))
+    if driver:
+        return cast(Robot, drive_by_class(path, anatomy, actions, driver, truth))
+    if truth is not None:
+        return cast(Robot, SimulatedRobot(path, truth, seed, offers=actions))
+    raise InputError(
+        f"{path}: nothing answers for this robot; would fit: --recordings FILE.h5, "
+        'driver = "FILE.py:CLASS" in the file, or a [body] that is simulated'
+    )

@@ -3,8 +3,8 @@
 from typing import Protocol
 
 from ..body.body import Floats
-from ..body.damage import Damage
 from ..body.legged import LeggedRobot
+from ..damage.kinds import Damage
 from ..engine.reflex import Rollouts
 
 

@@ -4,7 +4,7 @@ import importlib.util
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from ..errors import InputError
 from ..files import check_file
 from ..printable import join_names, quote_name
 from ..recording import Episode, Recording, Signal
+from .read_channels import list_signals_over_time
 from .rest_readings import make_rest_episode, name_signal_of
 
 
@@ -24,7 +25,7 @@ class Driver(Protocol):
         """Go from all joints at zero to targets [rad], and come to rest."""
         ...
 
-    def read(self) -> Mapping[str, Any]:
+    def read(self) -> Mapping[str, object]:
         """By signal, what the sensors say now; see docs/any-robot.md."""
         ...
 
@@ -88,7 +89,7 @@ class FollowsByClass(DrivenByClass):
         joints = self.anatomy.joints
         targets = dict(zip(joints, commands.T.tolist(), strict=True))
         said = self.driver.follow(targets, PERIOD)  # type: ignore[attr-defined]
-        kinds = _list_signals_over_time(self.anatomy)
+        kinds = list_signals_over_time(self.anatomy)
         if "time" not in said or not kinds.keys() & said.keys():
             gave = join_names(sorted(map(str, said)))
             fits = f"time, and some of {join_names(kinds)}"
@@ -113,21 +114,6 @@ class FollowsByClass(DrivenByClass):
         servos = tuple(f"{joint}_servo" for joint in joints)
         episode = Episode(every, commands[np.maximum(held, 0)], servos, signals)
         return Recording({"move": episode}, self.name, "driver", file=self.name)
-
-
-def _list_signals_over_time(anatomy: Anatomy) -> dict[str, tuple[str, str, str]]:
-    """Kind, target and unit by the name of each signal that may be read over time."""
-    found = {
-        "vertical": ("sensor", "vertical", "1"),
-        "clearance": ("sensor", "clearance", "m"),
-        "torso_position": ("body_position", "torso", "m"),
-        "torso_orientation": ("body_orientation", "torso", "quaternion"),
-    }
-    for joint in anatomy.joints:
-        found[f"{joint}_position"] = ("joint_position", joint, "rad")
-        found[f"{joint}_velocity"] = ("joint_velocity", joint, "rad/s")
-        found[f"{joint}_torque"] = ("joint_torque", f"{joint}_servo", "N m")
-    return found
 
 
 def drive_by_class(

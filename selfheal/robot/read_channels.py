@@ -8,6 +8,21 @@ from ..errors import RecordingError
 from ..recording import Episode, Recording
 
 
+def list_signals_over_time(anatomy: Anatomy) -> dict[str, tuple[str, str, str]]:
+    """Kind, target and unit by the name of each signal that may be read over time."""
+    found = {
+        "vertical": ("sensor", "vertical", "1"),
+        "clearance": ("sensor", "clearance", "m"),
+        "torso_position": ("body_position", "torso", "m"),
+        "torso_orientation": ("body_orientation", "torso", "quaternion"),
+    }
+    for joint in anatomy.joints:
+        found[f"{joint}_position"] = ("joint_position", joint, "rad")
+        found[f"{joint}_velocity"] = ("joint_velocity", joint, "rad/s")
+        found[f"{joint}_torque"] = ("joint_torque", f"{joint}_servo", "N m")
+    return found
+
+
 def read_channels(
     recording: Recording, anatomy: Anatomy, episode: str | None = None
 ) -> tuple[Floats, Floats]:

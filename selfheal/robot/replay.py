@@ -7,7 +7,7 @@ import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..errors import InputError
-from ..recording import Episode, Recording, find_single_columns, read
+from ..recording import Recording, find_single_columns, read
 from .actions import load_published_body
 from .rest_readings import read_rest_channels
 
@@ -56,15 +56,11 @@ def replay(
     for key, episode in recording.episodes.items():
         where = f"{recording.file}, episode {key!r}"
         read_rest_channels(replace(recording, episodes={key: episode}), anatomy)
-        target = _read_target(episode, servos, where)
+        columns = find_single_columns(episode.ctrl_names, servos, where)
+        target = episode.ctrl[-1, columns]
         actions.setdefault(np.round(target, 6).tobytes(), (target, key))
     targets, episodes = zip(*actions.values(), strict=True)
     return ReplayRobot(name, anatomy, np.array(targets), truth, recording, episodes)
-
-
-def _read_target(episode: Episode, servos: list[str], where: str) -> Floats:
-    """(P) [rad] where an episode sends the servos."""
-    return episode.ctrl[-1, find_single_columns(episode.ctrl_names, servos, where)]
 
 
 def starfish_2006(argument: str, seed: int, recordings: Path | None) -> ReplayRobot:

@@ -89,9 +89,12 @@ def revert_channels(sensor: str, channels: Floats) -> Floats:
 
 
 def make_rest_episode(
-    anatomy: Anatomy, time: Floats, target: Floats, read: Mapping[str, Floats],
+    anatomy: Anatomy,
+    time: Floats,
+    target: Floats,
+    read: Mapping[str, Floats],
     angles: Floats | None = None,
-) -> Episode:  # fmt: skip
+) -> Episode:
     """The episode of an action: from all joints at zero to a target, then at rest.
 
     Args:
@@ -103,30 +106,24 @@ def make_rest_episode(
     signals = {}
     for sensor, values in read.items():
         name, kind = name_signal_of(sensor, anatomy), sensor.partition(":")[0]
-        width = count_columns(sensor, anatomy)
-        values = np.asarray(values, float).reshape((width,) if width > 1 else ())
-        is_torque = kind == "torque"
-        joint = name.removesuffix("_torque")
-        signals[name] = _make_rest_signal(
-            values,
-            f"{joint}_servo" if is_torque else name,
-            "joint_torque" if is_torque else "sensor",
-            _SIGNALS[kind][1],
-        )
-    for joint, angle in zip(
-        anatomy.joints, () if angles is None else angles, strict=angles is not None
-    ):
-        name = f"{joint}_position"
-        signals[name] = _make_rest_signal(
-            np.asarray(angle), joint, "joint_position", "rad"
-        )
+        wide = count_columns(sensor, anatomy) > 1
+        last, unit = np.reshape(values, (3,) if wide else ()), _SIGNALS[kind][1]
+        if kind == "torque":
+            servo = f"{name.removesuffix('_torque')}_servo"
+            signals[name] = _make_rest_signal(last, "joint_torque", servo, unit)
+        else:
+            signals[name] = _make_rest_signal(last, "sensor", name, unit)
+    if angles is not None:
+        for joint, angle in zip(anatomy.joints, angles, strict=True):
+            signal = _make_rest_signal(angle, "joint_position", joint, "rad")
+            signals[f"{joint}_position"] = signal
     ctrl = np.array([0 * target, target, target])
     servos = tuple(f"{joint}_servo" for joint in anatomy.joints)
     return Episode(time, ctrl, servos, signals)
 
 
-def _make_rest_signal(value: Floats, target: str, kind: str, unit: str) -> Signal:
+def _make_rest_signal(last: Floats, kind: str, target: str, unit: str) -> Signal:
     """A signal of three samples of which only the last was read."""
-    values = np.full((3, *value.shape), np.nan)
-    values[-1] = value
+    values = np.full((3, *last.shape), np.nan)
+    values[-1] = last
     return Signal(values, kind, target, unit)

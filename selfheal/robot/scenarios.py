@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..body.damage import Damage
 from ..body.legged import HIDDEN, LeggedRobot
+from ..damage.kinds import Damage
 from ..errors import InputError
 
 # 1 to 10: overview.txt, Table 4. What follows is what it proposes for later (4.3, 4.5):
@@ -42,25 +42,25 @@ def draw_scenario(number: int, robot: LeggedRobot, seed: int) -> tuple[Damage, .
     legs = [part.removesuffix("_lower") for part in robot.parts if "_lower" in part]
     one, two, three = (str(leg) for leg in rng.permutation(legs)[:3])
     leg = Damage("limb_loss", f"body:{one}_upper")
-    if number == 1:
-        return (Damage("limb_loss", f"body:{one}_lower"),)
-    if number == 3:
-        return (_break_touch_sensor(one),)
-    if number == 5:
-        return (_break_angle_sensor(robot, one),)
-    if number == 6:
-        return (_jam_hip(robot, one, rng),)
-    if number == 10:
-        return (Damage("neuron_dead", f"neuron:{rng.integers(HIDDEN)}"),)
-    if number > 10:
-        return (_draw_later_damage(number, robot, rng),)
-    return {
-        2: (leg,),
-        4: (leg, _break_touch_sensor(two)),
-        7: (leg, _jam_hip(robot, two, rng)),
-        8: (leg, _jam_hip(robot, two, rng), _break_angle_sensor(robot, three)),
-        9: (),
-    }[number]
+    strikes = {
+        1: lambda: (Damage("limb_loss", f"body:{one}_lower"),),
+        2: lambda: (leg,),
+        3: lambda: (_break_touch_sensor(one),),
+        4: lambda: (leg, _break_touch_sensor(two)),
+        5: lambda: (_break_angle_sensor(robot, one),),
+        6: lambda: (_jam_hip(robot, one, rng),),
+        7: lambda: (leg, _jam_hip(robot, two, rng)),
+        8: lambda: (
+            leg,
+            _jam_hip(robot, two, rng),
+            _break_angle_sensor(robot, three),
+        ),
+        9: lambda: (),
+        10: lambda: (Damage("neuron_dead", f"neuron:{rng.integers(HIDDEN)}"),),
+    }
+    if number in strikes:
+        return strikes[number]()
+    return (_draw_later_damage(number, robot, rng),)
 
 
 def _draw_later_damage(

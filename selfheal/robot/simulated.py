@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from ..body.body import Anatomy, Bodies, Floats, count_centers_in_torso
-from ..body.damage import Damage, Strike
 from ..body.genome import build_bodies, draw_genomes
+from ..damage.apply import Strike
+from ..damage.kinds import Damage
 from ..engine.channels import list_channels, parse_sensor
 from ..engine.readings import Readings
 from ..errors import InputError

@@ -5,15 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.body import Floats
-from ..body.damage import Damage
 from ..body.legged import LeggedRobot
-from ..engine.reflex import (
-    LeggedPlants,
-    Rollouts,
-    build_damaged_plants,
-    scale_physics,
-    simulate_controllers,
-)
+from ..damage.apply import build_damaged_plants
+from ..damage.kinds import Damage
+from ..engine.reflex import LeggedPlants, Rollouts, scale_physics, simulate_controllers
 
 
 @dataclass(frozen=True)

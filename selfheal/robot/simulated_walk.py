@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.body import BELLY_SENSOR, Bodies, Floats
-from ..body.damage import Strike
 from ..body.mjcf import Physics
+from ..damage.apply import Strike, apply_damages
 from ..engine.channels import TOUCH_HEIGHT
-from ..engine.plant import Plant, apply_damages, build_rated_plant
+from ..engine.plant import Plant, build_rated_plant
 from ..engine.walk import PERIOD, SAMPLE, Walks, compute_clearance, simulate_walks
 from ..recording import Episode, Recording, Signal
+from .read_channels import list_signals_over_time
 
 # Chosen. Rated limits are missed by up to 20 %; hobby servos answer a pulse of 20 ms
 # late by one to three, and have about a degree of play.
@@ -104,44 +105,25 @@ def _make_signals(
     plant: Plant, walk: Walks, rng: np.random.Generator
 ) -> dict[str, Signal]:
     """The noisy signals of one piece (S) of a walk."""
-    anatomy = plant.body.anatomy
+    anatomy, kinds = plant.body.anatomy, list_signals_over_time(plant.body.anatomy)
     gap = compute_clearance(walk, anatomy.torso_half[2])
-    values: dict[str, tuple[Floats, str, str, str]] = {
-        "vertical": (
-            _normalize_vectors(_add_noise(walk.up, _UP, rng)),
-            "sensor",
-            "vertical",
-            "1",
-        ),
-        "clearance": (
-            np.maximum(_add_noise(gap, _GAP, rng), 0) + BELLY_SENSOR,
-            "sensor",
-            "clearance",
-            "m",
-        ),
+    up = _add_noise(walk.up, _UP, rng)
+    values = {
+        "vertical": up / np.linalg.norm(up, axis=-1, keepdims=True),
+        "clearance": np.maximum(_add_noise(gap, _GAP, rng), 0) + BELLY_SENSOR,
     }
     for joint, angle in zip(anatomy.joints, walk.angles.T, strict=True):
-        noisy = _add_noise(angle, _ANGLE, rng)
-        values[f"{joint}_position"] = (noisy, "joint_position", joint, "rad")
+        values[f"{joint}_position"] = _add_noise(angle, _ANGLE, rng)
     for foot, tip in zip(anatomy.feet, walk.tips.T, strict=True):
-        part = anatomy.parts[foot - 1]
-        touch = (tip < TOUCH_HEIGHT).astype(float)
-        values[f"{part}_touch"] = (touch, "sensor", f"{part}_touch", "1")
+        values[f"{anatomy.parts[foot - 1]}_touch"] = (tip < TOUCH_HEIGHT).astype(float)
     for sensor, gain in plant.gain.items():
-        true, *rest = values[sensor]
-        values[sensor] = (gain * true, *rest)  # type: ignore[assignment]
-    seen = _add_noise(walk.position, _PLACE, rng)
-    values["torso_position"] = (seen, "body_position", "torso", "m")
-    turn = walk.orientation
-    values["torso_orientation"] = (turn, "body_orientation", "torso", "quaternion")
-    return {key: Signal(*value) for key, value in values.items()}
+        values[sensor] = gain * values[sensor]
+    values["torso_position"] = _add_noise(walk.position, _PLACE, rng)
+    values["torso_orientation"] = walk.orientation
+    touch = {name: ("sensor", name, "1") for name in values}
+    return {name: Signal(v, *(touch | kinds)[name]) for name, v in values.items()}
 
 
 def _add_noise(values: Floats, size: float, rng: np.random.Generator) -> Floats:
     """Values with noise of a standard deviation."""
     return values + rng.normal(0, size, values.shape)
-
-
-def _normalize_vectors(vectors: Floats) -> Floats:
-    """Vectors of length one."""
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)

@@ -1,16 +1,11 @@
-"""Legged robots: their counts, and damages that imply others."""
+"""Legged robots: their counts."""
 
-from dataclasses import fields
-
-import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
-from selfheal.body.legged import load_legged_robot, reduce_damages
-from selfheal.engine.reflex import build_damaged_plants
+from selfheal.body.legged import load_legged_robot
 from selfheal.errors import InputError, UnknownNameError
 from selfheal.robot.scenarios import draw_scenario
-from tests.support.short_recover import JAM, LOST, LOWER, QUADRUPED
+from tests.support.short_recover import QUADRUPED
 
 
 @pytest.mark.parametrize(
@@ -33,14 +28,3 @@ def test_what_there_is_not_is_refused():
         load_legged_robot("quadruped", 60)
     with pytest.raises(InputError, match="1 to 15"):
         draw_scenario(16, QUADRUPED, 0)
-
-
-def test_what_a_loss_says_is_not_said_twice():
-    knee = Damage("joint_jam", "joint:left_front_knee")
-    angle = Damage("sensor_dead", "sensor:left_front_hip_position")
-    said = reduce_damages(QUADRUPED, [LOWER, knee, LOST, JAM, angle, JAM])
-    assert said == (JAM, LOST)
-    one, two = build_damaged_plants(QUADRUPED, [said, (LOST, JAM, angle)])[[0]], None
-    two = build_damaged_plants(QUADRUPED, [(LOST, LOWER, JAM, angle)])
-    for f in fields(one)[1:3]:
-        np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))

@@ -10,7 +10,7 @@ from selfheal.cli._progress import ProgressBar, StageProgress, format_left
 from selfheal.cli.heal import _SECONDS, _PhaseProgress
 from selfheal.cli.identify import _CycleProgress
 from selfheal.cli.recover import _RunProgress
-from selfheal.recovery.recover_run import RecoverRun
+from selfheal.recovery.recover_run import RecoverRun, RecoverSettings
 
 
 @pytest.fixture
@@ -131,9 +131,8 @@ def test_shares_of_a_heal_grow_to_nearly_one():
 @pytest.mark.parametrize("method", ["ours", "as-described", "hardware-only"])
 def test_shares_of_several_recoveries_are_those_of_all(method):
     live, last = _Live(), 0.0
-    phases = RecoverRun.list_phases(
-        SimpleNamespace(method=method, trials=2, more_trials=1)
-    )
+    settings = RecoverSettings("quadruped", 1, (), method, trials=2, more_trials=1)
+    phases = RecoverRun(settings).list_phases()
     for number in range(2):
         told = _RunProgress(live, number, 2)
         told.phases, told.may_end = phases, method == "ours"

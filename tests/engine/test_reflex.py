@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LEGGED, load_legged_robot
+from selfheal.damage.apply import build_damaged_plants
+from selfheal.damage.kinds import Damage
 from selfheal.engine import reflex
 from selfheal.engine.reflex import (
     STEPS_PER_SAMPLE,
-    build_damaged_plants,
     build_intact_plants,
     simulate_controllers,
 )
-from selfheal.gait.genetic import start_population
+from selfheal.evolution.genetic import Breeding, start_population
 from tests.support.short_recover import DEAF, JAM, LOST, QUADRUPED, draw_weights
 
 
@@ -72,8 +72,12 @@ def test_a_run_that_fails_never_wins(walker, monkeypatch):
     assert drives.failed.all() and (drives.displacement == -np.inf).all()
     assert np.isnan(drives.sensors).all()
     monkeypatch.undo()
-    pool = start_population(3, lambda g: np.where(g[:, 0] > 0, np.nan, g[:, 0]),
-                 np.random.default_rng(0))  # fmt: skip
+    rng, none = np.random.default_rng(0), np.empty((0, 3))
+
+    def score(genomes):
+        return np.where(genomes[:, 0] > 0, np.nan, genomes[:, 0])
+
+    pool = start_population(none, score, rng, Breeding())
     assert pool.genomes[0, 0] <= 0 and np.isfinite(pool.scores[0])
 
 

@@ -19,8 +19,8 @@ ROOMS = [
         "files",
         "mujoco_files",
     ),
-    *("documents", "schema", "recording", "logs", "export", "example", "telemetry"),
-    *("mjcf", "preparation", "body", "engine"),
+    *("documents", "schema", "recording", "evolution", "logs", "export", "example"),
+    *("telemetry", "mjcf", "preparation", "body", "engine", "damage"),
     *("robot", "selfmodel", "gait", "recovery"),
     *("diagnosis", "report", "api", "study", "cli"),
 ]

@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from selfheal.body.damage import INTACT, Damage
+from selfheal.damage.kinds import INTACT, Damage
 from selfheal.recovery.belief import (
     CandidateAction,
     ResidualNoise,

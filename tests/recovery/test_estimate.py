@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
+from selfheal.damage.kinds import Damage
 from selfheal.recovery.estimate import Trial, decode_hypotheses, make_damage_score
 from selfheal.robot.simulated_legs import SimulatedLegs
 from tests.support.short_recover import LOST, QUADRUPED

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from selfheal.body.damage import Damage
+from selfheal.damage.kinds import Damage
 from selfheal.recovery import explain as ours
 from selfheal.recovery.estimate import Trial
 from selfheal.recovery.explain import estimate_damage
@@ -42,8 +42,8 @@ def test_sensor_series_identify_what_broke(damage, walker, monkeypatch):
     monkeypatch.setattr(ours, "list_single_damages", lambda robot: KNOWN)
     trial, before = walk_damaged(damage, walker), walk_before(walker)
     belief = estimate_damage(QUADRUPED, BUILT, [trial], before, (), ignore_progress)
-    best = {(d.kind, d.target) for d in belief.hypotheses[0]}
-    assert best == {(d.kind, d.target) for d in damage}
+    best = {d.place for d in belief.hypotheses[0]}
+    assert best == {d.place for d in damage}
     assert belief.probability[0] == belief.probability.max()
     assert belief.probability.sum() == pytest.approx(1)
 

@@ -4,9 +4,9 @@ from dataclasses import fields
 
 import numpy as np
 
+from selfheal.damage.apply import build_damaged_plants
 from selfheal.engine.reflex import (
     STEPS_PER_SAMPLE,
-    build_damaged_plants,
     build_intact_plants,
     scale_physics,
     simulate_controllers,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from selfheal import files
-from selfheal.body.damage import parse_damages
+from selfheal.damage.words import parse_damages
 from selfheal.errors import InputError, RunFileError
 from selfheal.gait.rival_bodies import select_rival_bodies
 from selfheal.gait.synthesis import Gait

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage, Strike
+from selfheal.damage.apply import Strike
+from selfheal.damage.kinds import Damage
 from selfheal.errors import InputError, RunFileError
 from selfheal.gait.synthesis import measure_distance
 from selfheal.recovery.hours import (
@@ -53,9 +54,7 @@ def test_each_damage_is_noticed_and_found_on_top_of_the_last(steps):
         assert 0 <= event["delay"] <= 5
         assert event["right"]
     believed = list_believed(run.heals[:2])
-    assert [(d.kind, d.target) for d in believed] == [
-        (s.damage.kind, s.damage.target) for s in STRIKES
-    ]
+    assert [d.place for d in believed] == [s.damage.place for s in STRIKES]
     assert run.result["false_alarms"] == 0
 
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
-from selfheal.engine.plant import apply_damages, build_rated_plant
+from selfheal.damage.apply import apply_damages
+from selfheal.damage.kinds import Damage
+from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import compute_channels, list_channels, simulate_walks
 from selfheal.gait.synthesis import Gait, randomize_plant
 from selfheal.recovery.plausible_plants import (

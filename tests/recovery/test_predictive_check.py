@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
+from selfheal.damage.kinds import Damage
 from selfheal.recovery import predictive_check
 from selfheal.recovery.explain import LAST_STEPS, HypothesisPosterior
 from selfheal.recovery.predictive_check import FALSE_ALARM, is_refuted

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.body.damage import Damage
-from selfheal.engine.reflex import (
-    build_damaged_plants,
-    simulate_controllers,
-)
+from selfheal.damage.apply import build_damaged_plants
+from selfheal.damage.kinds import Damage
+from selfheal.engine.reflex import simulate_controllers
 from selfheal.errors import RunFileError
 from selfheal.recovery.explain import HypothesisPosterior
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from selfheal.engine.plant import list_gone_targets
+from selfheal.damage.apply import list_gone_targets
 from selfheal.errors import InputError
 from selfheal.robot.accidents import (
     BODY_KINDS,

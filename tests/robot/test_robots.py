@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from selfheal.body.body import count_centers_in_torso
-from selfheal.body.damage import list_sensors, parse_damages
 from selfheal.body.mjcf import format_mjcf
+from selfheal.damage.words import list_names, parse_damages
 from selfheal.errors import InputError, RecordingError, UnknownNameError
 from selfheal.gait.pattern import find_pattern
 from selfheal.recording import (
@@ -241,7 +241,9 @@ def test_a_move_is_a_sound_recording_and_the_same_again(starfish):
     )
     validate(first)
     assert _equal(first, again) and not _equal(first, other)
-    assert set(list_sensors(starfish.anatomy)) < set(first.episodes["move"].signals)
+    assert set(list_names(starfish.anatomy)["sensor"]) < set(
+        first.episodes["move"].signals
+    )
 
 
 def test_a_robot_breaks_in_the_middle_of_a_move(starfish):

@@ -2,8 +2,8 @@
 
 import pytest
 
-from selfheal.body.legged import LEGGED, load_legged_robot, reduce_damages
-from selfheal.engine.reflex import build_damaged_plants
+from selfheal.body.legged import LEGGED, load_legged_robot
+from selfheal.damage.apply import build_damaged_plants, reduce_damages
 from selfheal.robot.scenarios import SCENARIOS, draw_scenario
 
 

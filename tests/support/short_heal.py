@@ -1,16 +1,19 @@
 """A hidden robot, a run that found its body, and searches that take a second."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 import numpy as np
 
-from selfheal.body.damage import parse_damages
+from selfheal.body.body import Anatomy
 from selfheal.body.genome import Genomes, encode_tree
+from selfheal.damage.kinds import Damage
+from selfheal.damage.words import parse_damages
 from selfheal.gait import synthesis
-from selfheal.gait.synthesis import Gait
+from selfheal.gait.synthesis import Effort, Gait
 from selfheal.recording import Recording
-from selfheal.recovery import hypotheses, phases, plausible_plants, walk_trial
+from selfheal.recovery import phases, plausible_plants, walk_trial
+from selfheal.recovery.hypotheses import list_damages
 from selfheal.report import heal as heal_page
 from selfheal.report import hours as hours_page
 from selfheal.robot.actions import load_published_body
@@ -36,25 +39,38 @@ def shorten(patch: Callable[[object, str, object], None]) -> None:
 
     They start from a gait that walks; hypotheses are few; pages have no film.
     """
-    real = synthesis._draw_genes
+    short = Effort(((1, 2, 2.0),), drawn=2, step=0.02, step_again=0.02)
     for module, name in (
         (phases, "ONE_GAIT"),
         (phases, "THREE_GAITS"),
         (walk_trial, "ONE_GAIT"),
     ):
-        patch(module, name, ((1, 2, 2.0),))
-    patch(synthesis, "_RANDOM", 2)
-    patch(synthesis, "_draw_genes", lambda search: 0 * real(search) + GENES)
-    patch(synthesis, "_STEP", 0.02)
-    patch(synthesis, "_AGAIN_STEP", 0.02)
-    patch(plausible_plants, "_KEPT", 1)
-    patch(hypotheses, "_SCALES", (0.1, 0.5))
-    for name in ("_JAMS", "AZIMUTHS"):
-        patch(hypotheses, name, np.zeros(1))
-    for name in ("STRENGTHS", "_FRICTIONS"):
-        patch(hypotheses, name, (0.3,))
+        patch(module, name, short)
+    real = synthesis.draw_first_genes
+    patch(synthesis, "draw_first_genes", lambda search: 0 * real(search) + GENES)
+    patch(plausible_plants, "KEPT", 1)
+    patch(phases, "list_damages", list_few_damages)
     for page in (heal_page, hours_page):
         patch(page, "make_film", lambda *args, **more: "")
+
+
+def list_few_damages(
+    anatomy: Anatomy, angles: np.ndarray, gone: Collection[str] = ()
+) -> list[Damage]:
+    """Those that may have happened, at few values and on slopes of one direction."""
+    kept = {
+        "part_scale": (0.1, 0.5),
+        "joint_jam": (0.0, *angles),
+        "weak_motor": (0.3,),
+        "weak_sensor": (0.3,),
+        "ground_friction": (0.3,),
+    }
+    return [
+        damage
+        for damage in list_damages(anatomy, angles, gone)
+        if damage.value in kept.get(damage.kind, (damage.value,))
+        and damage.azimuth == 0.0
+    ]
 
 
 def robot() -> Walker:

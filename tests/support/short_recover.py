@@ -1,14 +1,14 @@
 """A quadruped, what it may lose, and searches of controllers that take a second."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
-from selfheal.body.damage import Damage
 from selfheal.body.legged import LeggedRobot, load_legged_robot
+from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
-from selfheal.gait import genetic
-from selfheal.gait.genetic import draw_values
+from selfheal.evolution.genetic import Breeding, draw_values
 from selfheal.recovery import explain, recover
 from selfheal.recovery.estimate import Trial
 from selfheal.robot.simulated_legs import SimulatedLegs
@@ -25,10 +25,9 @@ BUILT = np.ones((1, 10))  # factors of a model that is right
 
 def shorten(patch: Callable[[object, str, object], None]) -> None:
     """Make searches short, by `setattr` or one that undoes."""
-    patch(genetic, "POPULATION", 12)
-    patch(genetic, "KEPT", 6)
-    patch(genetic, "_PAIRS", 2)
-    patch(recover, "KEPT", 4)
+    small = Breeding(population=12, kept=4, pairs=2)
+    patch(recover, "AS_DESCRIBED", small)
+    patch(recover, "OURS", replace(small, mutation=0.03))
     patch(recover, "HARDWARE_GENERATIONS", 2)
     patch(explain, "list_single_damages", lambda robot: [LOST, LOWER, JAM, DEAF])
 

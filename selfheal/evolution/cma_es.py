@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.body import Floats
+from ..recording.data import Floats
+from .ranking import rank_best_first
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,7 @@ def tell(state: CmaState, points: Floats, scores: Floats) -> CmaState:
     weight = np.log((count + 1) / 2) - np.log(np.arange(1, mu + 1))
     weight /= weight.sum()
     mueff = 1 / (weight**2).sum()
-    worth = np.where(np.isfinite(scores), scores, -np.inf)
-    best = points[np.argsort(-worth, kind="stable")[:mu]]
+    best = points[rank_best_first(scores)[:mu]]
     steps = (best - state.mean) / state.sigma
     step = weight @ steps
     vectors, widths = _decompose_covariance(state)

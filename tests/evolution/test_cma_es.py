@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.gait.cma_es import ask, start_search, tell
+from selfheal.evolution.cma_es import ask, start_search, tell
 
 
 def test_evolution_finds_the_top_of_a_hill():

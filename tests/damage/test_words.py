@@ -1,10 +1,12 @@
-"""Damage as data: what users say, and what a robot loses with it."""
+"""Damage in the words of users."""
 
 import pytest
 
-from selfheal.body.damage import KINDS, parse_damages
+from selfheal.damage.kinds import KINDS
+from selfheal.damage.words import WORDS, parse_damages
 from selfheal.errors import UnknownNameError
 from selfheal.robot.actions import load_published_body
+from tests.support.paths import ROOT
 
 BODY = load_published_body()
 ANATOMY = BODY.anatomy
@@ -18,6 +20,8 @@ def test_every_kind_can_be_said():
     kinds = [damage.kind for damage in parse_damages(said, ANATOMY)]
     legged = {"neuron_dead", "wind"}  # struck by `robot.scenarios`
     assert sorted(kinds) == sorted(set(KINDS) - {"none"} - legged)
+    command = (ROOT / "cli" / "heal.py").read_text()  # its help, which loads nothing
+    assert all(f"{word}:" in command for word in WORDS)
 
 
 def test_an_actuator_may_be_named_by_its_joint():

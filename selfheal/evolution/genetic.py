@@ -1,24 +1,40 @@
 """The evolutionary algorithm of 2004: a score in, strings of numbers that reach it out.
 
-A population of 100 lives for 30 generations, of each of which the best 50 are kept. The
-50 new ones come of tournaments of three. Each value is replaced with a chance of 1 %,
-then 12 pairs undergo one-point crossover. Values have two decimals and lie in [-1, 1]
-(overview.txt 4.3). Both searches use it: one for controllers, one for hypotheses of
-damage.
+Those that are not kept in a generation come of tournaments. Each value is replaced with
+a small chance, then pairs undergo one-point crossover. Values have two decimals and lie
+in [-1, 1] (overview.txt 4.3). Both searches of `recover` use it: one for controllers,
+one for hypotheses of damage.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..body.body import Floats
+from ..recording.data import Floats
+from .ranking import rank_best_first
 
-POPULATION, GENERATIONS, KEPT = 100, 30, 50
-MUTATION = 0.01  # chance of each value
-_TOURNAMENT, _PAIRS = 3, 12
+GENERATIONS = 30  # of each search of 2004
+_TOURNAMENT = 3
 
 Score = Callable[[Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Breeding:
+    """How a population goes on; the defaults are those of 2004.
+
+    Attributes:
+        population: genomes that live.
+        kept: the best of them, which live on.
+        mutation: chance that a value is drawn anew [1].
+        pairs: of the new ones, that cross.
+    """
+
+    population: int = 100
+    kept: int = 50
+    mutation: float = 0.01
+    pairs: int = 12
 
 
 @dataclass(frozen=True)
@@ -52,17 +68,16 @@ def draw_values(count: int, size: int, rng: np.random.Generator) -> Floats:
 
 
 def start_population(
-    size: int, score: Score, rng: np.random.Generator, seeds: Floats | None = None
+    seeds: Floats, score: Score, rng: np.random.Generator, breeding: Breeding
 ) -> Population:
     """A random population, and in it what earlier searches found.
 
     Args:
-        score: of genomes (N, size), (N).
-        seeds: (S, size) at most as many as the population.
+        seeds: (S, D) these, at most as many as the population; S may be 0.
+        score: of genomes (N, D), larger is better.
     """
-    genomes = draw_values(POPULATION, size, rng)
-    if seeds is not None:
-        genomes[: len(seeds)] = seeds
+    genomes = draw_values(breeding.population, seeds.shape[1], rng)
+    genomes[: len(seeds)] = seeds
     return _merge_ranked(Population(genomes[:0], np.empty(0)), genomes, score(genomes))
 
 
@@ -70,8 +85,8 @@ def evolve_population(
     pool: Population,
     score: Score,
     rng: np.random.Generator,
+    breeding: Breeding,
     generations: int,
-    mutation: float = MUTATION,
 ) -> Iterator[Population]:
     """The population after each of some more generations.
 
@@ -80,17 +95,12 @@ def evolve_population(
 
     Args:
         score: of genomes (N, D), larger is better.
-        mutation: chance that a value is drawn anew [1].
-
-    Yields:
-        The population after each generation.
     """
     known = {g.tobytes(): s for g, s in zip(pool.genomes, pool.scores, strict=True)}
     for _ in range(generations):
-        kept = Population(
-            pool.genomes[:KEPT], pool.scores[:KEPT], pool.best, pool.evaluations
-        )
-        new = breed_children(kept.genomes, rng, mutation)
+        best = slice(breeding.kept)
+        kept = replace(pool, genomes=pool.genomes[best], scores=pool.scores[best])
+        new = breed_children(kept.genomes, rng, breeding)
         fresh = np.array([g for g in new if g.tobytes() not in known]).reshape(
             -1, new.shape[1]
         )
@@ -102,24 +112,22 @@ def evolve_population(
         yield pool
 
 
-def breed_children(kept: Floats, rng: np.random.Generator, mutation: float) -> Floats:
-    """Breed new genomes by tournaments, mutation and crossover.
+def breed_children(
+    kept: Floats, rng: np.random.Generator, breeding: Breeding
+) -> Floats:
+    """(N, D) new genomes by tournaments, mutation and crossover.
 
     Args:
-        kept: (KEPT, D) genomes that breed, best ones first.
-        mutation: chance that a value is drawn anew [1].
-
-    Returns:
-        (POPULATION - KEPT, D) new genomes.
+        kept: (K, D) genomes that breed, best ones first.
     """
-    count = POPULATION - KEPT
+    count = breeding.population - breeding.kept
     # best first: the winner of a tournament is its lowest row
     winners = rng.integers(0, len(kept), (count, _TOURNAMENT)).min(axis=1)
     new = kept[winners]
-    struck = rng.random(new.shape) < mutation
+    struck = rng.random(new.shape) < breeding.mutation
     new = np.where(struck, draw_values(count, new.shape[1], rng), new)
-    pairs = rng.permutation(count)[: 2 * _PAIRS].reshape(_PAIRS, 2)
-    cuts = rng.integers(1, new.shape[1], _PAIRS)
+    pairs = rng.permutation(count)[: 2 * breeding.pairs].reshape(-1, 2)
+    cuts = rng.integers(1, new.shape[1], len(pairs))
     for (a, b), cut in zip(pairs, cuts, strict=True):
         new[[a, b], cut:] = new[[b, a], cut:]
     return new
@@ -129,6 +137,6 @@ def _merge_ranked(kept: Population, new: Floats, scores: Floats) -> Population:
     """Old and new ones in order; a failure never comes before what has a score."""
     genomes = np.concatenate([kept.genomes.reshape(-1, new.shape[1]), new])
     worth = np.nan_to_num(np.concatenate([kept.scores, scores]), nan=-np.inf)
-    order = np.argsort(-worth, kind="stable")
+    order = rank_best_first(worth)
     best = np.append(kept.best, worth[order[0]])
     return Population(genomes[order], worth[order], best, kept.evaluations + len(new))

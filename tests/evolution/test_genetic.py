@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from selfheal.gait import genetic
-from selfheal.gait.genetic import (
-    KEPT,
-    POPULATION,
+from selfheal.evolution.genetic import (
+    Breeding,
+    breed_children,
     draw_values,
     evolve_population,
     start_population,
 )
+
+AS_DESCRIBED = Breeding()
 
 
 def _square(genomes):
@@ -23,9 +24,9 @@ def test_the_search_of_2004_is_as_described():
         asked.append(len(genomes))
         return _square(genomes)
 
-    pool = start_population(68, score, rng)
-    assert len(pool.genomes) == POPULATION == asked[0]
-    steps = evolve_population(pool, score, rng, 29)
+    pool = start_population(np.empty((0, 68)), score, rng, AS_DESCRIBED)
+    assert len(pool.genomes) == 100 == asked[0]
+    steps = evolve_population(pool, score, rng, AS_DESCRIBED, 29)
     for pool in steps:
         assert (np.diff(pool.best) >= 0).all()
     assert pool.evaluations == 1550 and sum(asked) < 1550  # copies are not run again
@@ -37,15 +38,15 @@ def test_the_search_of_2004_is_as_described():
 
 def test_earlier_results_seed_the_next_search():
     seeds = np.zeros((2, 5))
-    pool = start_population(5, _square, np.random.default_rng(0), seeds)
+    pool = start_population(seeds, _square, np.random.default_rng(0), AS_DESCRIBED)
     assert (pool.genomes[:2] == 0).all() and pool.scores[0] == 0
 
 
 def test_children_are_copies_with_point_mutations_and_crossovers():
     rng = np.random.default_rng(0)
-    kept = draw_values(KEPT, 200, rng)
-    new = genetic.breed_children(kept, rng, 0.01)
+    kept = draw_values(50, 200, rng)
+    new = breed_children(kept, rng, AS_DESCRIBED)
     same = (new[:, None] == kept).mean(axis=2).max(axis=1)
-    assert new.shape == (POPULATION - KEPT, 200)
+    assert new.shape == (50, 200)
     assert 0.97 < np.median(same) < 1
     assert (same < 0.97).sum() <= 24  # those that were crossed

@@ -1,0 +1,1 @@
+"""What may happen to a robot: every kind in one table, its words, what it changes."""

@@ -1,0 +1,1 @@
+"""Evolutionary searches: scores of points in, better points out."""
