@@ -44,9 +44,12 @@ def print_paragraph(text: str, indent: str = "") -> None:
         indent: before every line but the first.
     """
     lines = textwrap.wrap(
-        text, shutil.get_terminal_size().columns - 1, subsequent_indent=indent,
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
+        text,
+        shutil.get_terminal_size().columns - 1,
+        subsequent_indent=indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
     for line in lines:
         print_line(line)
 

@@ -85,10 +85,18 @@ def diagnose(
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         with _heed_interrupts(live, memory) as is_wanted:
-            found = find(model, recordings, held_out=held_out or (),
-                         no_check=no_check or (), seed=seed, memory=memory,
-                         progress=DiagnosisProgress(live), minutes=minutes,
-                         stop=is_wanted, findings_only=findings_only)  # fmt: skip
+            found = find(
+                model,
+                recordings,
+                held_out=held_out or (),
+                no_check=no_check or (),
+                seed=seed,
+                memory=memory,
+                progress=DiagnosisProgress(live),
+                minutes=minutes,
+                stop=is_wanted,
+                findings_only=findings_only,
+            )
         found.save(out, force=force)
     if as_json:
         extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
@@ -291,10 +299,16 @@ def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
     from selfheal.diagnosis.effects import load_catalogue
 
     found = [
-        {"name": e.name, "group": e.group, "says": e.description,
-         "equation": e.equation, "source": e.source, "separate_by": e.separate_by}
+        {
+            "name": e.name,
+            "group": e.group,
+            "says": e.description,
+            "equation": e.equation,
+            "source": e.source,
+            "separate_by": e.separate_by,
+        }
         for e in load_catalogue().values()
-    ]  # fmt: skip
+    ]
     if as_json:
         print_json({"format": "selfheal-effects", "version": 1, "effects": found})
         return

@@ -51,9 +51,15 @@ def export(
         predicted = replay_recording(diagnosis, recording)
     export_recording(recording, out, to=to, predicted=predicted)
     if as_json:
-        document = {"format": "selfheal-export", "version": 1, "recording": str(file),
-                "to": to, "diagnosis": str(diagnosis) if diagnosis else None,
-                "exported": str(out), "episodes": len(recording.episodes)}  # fmt: skip
+        document = {
+            "format": "selfheal-export",
+            "version": 1,
+            "recording": str(file),
+            "to": to,
+            "diagnosis": str(diagnosis) if diagnosis else None,
+            "exported": str(out),
+            "episodes": len(recording.episodes),
+        }
         print_json(document)
     else:
         count = len(recording.episodes)

@@ -39,8 +39,17 @@ _HOURS = typer.Option(
 )
 _GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
 # seconds of CPU that each phase takes, and the page: measured, of the starfish
-_SECONDS = {"gait": 22, "whole": 0.5, "alarm": 1, "ask": 16, "verdict": 0.5,
-            "healed": 29, "walked": 0.5, "known": 27, "page": 12}  # fmt: skip
+_SECONDS = {
+    "gait": 22,
+    "whole": 0.5,
+    "alarm": 1,
+    "ask": 16,
+    "verdict": 0.5,
+    "healed": 29,
+    "walked": 0.5,
+    "known": 27,
+    "page": 12,
+}
 _START = 1.7  # [s] of CPU before the first phase: measured in the same
 _PHASES = {
     "gait": "a gait from the self-model",
@@ -133,10 +142,17 @@ def heal(
         else:
             _check_heading(heading)
             done = run_heal(
-                run, damage, hours=hours, heading=math.radians(heading), gait=gait,
-                seed=seed, out=folder, force=force, progress=show,
+                run,
+                damage,
+                hours=hours,
+                heading=math.radians(heading),
+                gait=gait,
+                seed=seed,
+                out=folder,
+                force=force,
+                progress=show,
                 on_step=show.show_phase,
-            )  # fmt: skip
+            )
     if as_json:
         print_json(done.result)
     else:
@@ -175,9 +191,16 @@ def watch(
     check_file(body)
     found = watch_recording(load(body), read(recording), learn=learn, cycle=cycle)
     if as_json:
-        print_json({"format": "selfheal-watch", "version": 1, "body": str(body),
-                    "recording": str(recording), "false_alarms_per_hour": FALSE_ALARMS,
-                    "episodes": found})  # fmt: skip
+        print_json(
+            {
+                "format": "selfheal-watch",
+                "version": 1,
+                "body": str(body),
+                "recording": str(recording),
+                "false_alarms_per_hour": FALSE_ALARMS,
+                "episodes": found,
+            }
+        )
         return
     for episode in found:
         print_line(_format_watched(episode))
@@ -277,9 +300,12 @@ def _print_heal(run: "HealRun") -> None:
             sure = f"{100 * believed['probability']:.0f} %"
             rows.append((str(read_damage(believed)), sure))
     print_table(("what happened", "probability"), rows)
-    names = {"intact": "whole", "damaged": "broken, old gait",
-             "healed": "broken, new gait",
-             "best_known": "broken, a gait made knowing the damage"}  # fmt: skip
+    names = {
+        "intact": "whole",
+        "damaged": "broken, old gait",
+        "healed": "broken, new gait",
+        "best_known": "broken, a gait made knowing the damage",
+    }
     ways = {name: result["distance"][key] for key, name in names.items()}
     rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in ways.items()]
     print_table(("robot", "walks in 10 s"), rows)

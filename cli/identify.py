@@ -84,12 +84,23 @@ def identify(
             )
         else:
             run = run_identify(
-                robot, recordings=recordings, method=method, space=space,
-                known_lengths=known_lengths, random_actions=random_actions,
-                engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
-                out=RunFolder(out, force), force=force,
-                progress=show, on_step=show.show_cycle, on_stage=stage,
-            )  # fmt: skip
+                robot,
+                recordings=recordings,
+                method=method,
+                space=space,
+                known_lengths=known_lengths,
+                random_actions=random_actions,
+                engine=engine,
+                cycles=cycles,
+                budget=budget,
+                seed=seed,
+                moves=moves,
+                out=RunFolder(out, force),
+                force=force,
+                progress=show,
+                on_step=show.show_cycle,
+                on_stage=stage,
+            )
     if as_json:
         print_json(run.result)
     else:
@@ -166,9 +177,13 @@ def _print_result(run: "Run", files: list[Path]) -> None:
     rows = []
     sides = ("left", "front", "right", "back")
     for i, name in enumerate(run.anatomy.parts):
-        row = [name, names[best.parent[0, i]], sides[best.side[0, i]],
-               f"{1000 * best.length[0, i]:.0f} mm",
-               f"{100 * result['sureness'][i]:.0f} %"]  # fmt: skip
+        row = [
+            name,
+            names[best.parent[0, i]],
+            sides[best.side[0, i]],
+            f"{1000 * best.length[0, i]:.0f} mm",
+            f"{100 * result['sureness'][i]:.0f} %",
+        ]
         if truth is not None:
             right = truth.parent[0, i] == best.parent[0, i]
             row.append("correct" if right else f"is {names[truth.parent[0, i]]}")

@@ -61,8 +61,12 @@ def prepare(
     from selfheal.preparation.prepare import prepare_model, write_model
 
     _check_arguments(model, out, bool(kp), bool(kv), motors, force)
-    gains = Gains(_read_gains("--kp", kp or ()), _read_gains("--kv", kv or ()),
-                  tuple(passive or ()), motors)  # fmt: skip
+    gains = Gains(
+        _read_gains("--kp", kp or ()),
+        _read_gains("--kv", kv or ()),
+        tuple(passive or ()),
+        motors,
+    )
     done = prepare_model(
         model, out.parent, gains, weld_base=weld_base, without_contacts=no_contacts
     )

@@ -172,9 +172,14 @@ def _propose_map(
 
 
 def _import_logs(
-    paths: list[Path], model: Path, map_file: Path, out: Path, *, as_json: bool,
+    paths: list[Path],
+    model: Path,
+    map_file: Path,
+    out: Path,
+    *,
+    as_json: bool,
     asked: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Write the recording of logs."""
     from selfheal.logs.convert import import_logs
     from selfheal.logs.log_map import read_map
@@ -187,10 +192,14 @@ def _import_logs(
     opened = [open_log(path) for path in paths]
     with ProgressBar("reading", as_json=as_json, asked=asked) as bar:
         report = import_logs(
-            opened, log_map, list_model_names(compiled), out,
-            map_name=str(map_file), model=compiled,
+            opened,
+            log_map,
+            list_model_names(compiled),
+            out,
+            map_name=str(map_file),
+            model=compiled,
             report=lambda file, share: bar.show(f"reading {file}", share),
-        )  # fmt: skip
+        )
     if as_json:
         print_json(summarize_import(report, out))
     else:
@@ -212,10 +221,13 @@ def _summarize_recording(
     }
     if found is not None:
         summary["telemetry"] = [
-            {**asdict(fault), "corrections": [*map(str, fault.corrections)],
-             "decisive": fault.is_decisive}
+            {
+                **asdict(fault),
+                "corrections": [*map(str, fault.corrections)],
+                "decisive": fault.is_decisive,
+            }
             for fault in found.faults
-        ]  # fmt: skip
+        ]
         summary["unchecked"] = list(found.unchecked)
     return summary
 
@@ -253,10 +265,13 @@ def _list_corrected_rules(
 
     corrected = correct_rules(read_map(map_file), found.faults, recording)
     return [
-        {"map": str(map_file), "rule": number, "lines": [
-            line for rule in rules for line in (*format_rule(rule), "")]}
+        {
+            "map": str(map_file),
+            "rule": number,
+            "lines": [line for rule in rules for line in (*format_rule(rule), "")],
+        }
         for number, rules in corrected.items()
-    ]  # fmt: skip
+    ]
 
 
 def _print_tables(summary: dict[str, Any]) -> None:

@@ -27,8 +27,15 @@ if TYPE_CHECKING:
 _NAME = "recover.h5"
 # what phases and the page take, in units of a search for a controller: measured, of the
 # quadruped
-_EFFORT = {"original": 0.65, "failure": 0.01, "estimate": 0.2, "explore": 1.0,
-           "trial": 0.02, "hardware": 2.3, "page": 0.3}  # fmt: skip
+_EFFORT = {
+    "original": 0.65,
+    "failure": 0.01,
+    "estimate": 0.2,
+    "explore": 1.0,
+    "trial": 0.02,
+    "hardware": 2.3,
+    "page": 0.3,
+}
 _START = 0.1  # before the first one, measured in the same
 _ROBOT = typer.Option(
     help="quadruped or hexapod.",
@@ -81,9 +88,12 @@ def recover(
         _finish_runs(_find_runs(resume), as_json, progress)
         return
     assert robot is not None
-    batch = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
-                                   gap=gap, seed=seed)
-             for n in _parse_scenarios(scenario)]  # fmt: skip
+    batch = [
+        make_recover_settings(
+            robot, n, method=method, reach=reach, apart=apart, gap=gap, seed=seed
+        )
+        for n in _parse_scenarios(scenario)
+    ]
     folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
     _finish_runs(_begin_runs(folder, batch, force), as_json, progress)
 
@@ -205,9 +215,12 @@ def _format_phase(run: "RecoverRun") -> str:
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
-    done = {"original": "whole, the first controller", "failure": "broken, the same",
-            "trial": f"{turn}: tried on the robot",
-            "hardware": "evolved on the robot"}[kind]  # fmt: skip
+    done = {
+        "original": "whole, the first controller",
+        "failure": "broken, the same",
+        "trial": f"{turn}: tried on the robot",
+        "hardware": "evolved on the robot",
+    }[kind]
     return f"{done}: {phase['way']:.2f} m"
 
 

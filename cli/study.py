@@ -112,8 +112,11 @@ def _begin_study(
             "no --recordings FOLDER with readings of the robot of 2006: the hidden "
             "simulated robot alone"
         )
-    folders = {k: f.resolve() for k in ("recordings", "cases")
-               if (f := getattr(asked, k)) is not None}  # fmt: skip
+    folders = {
+        k: f.resolve()
+        for k in ("recordings", "cases")
+        if (f := getattr(asked, k)) is not None
+    }
     asked = replace(asked, **folders)
     path = RunFolder(out, force)(f"study-{name}") / _NAME
     with lock_file(path):

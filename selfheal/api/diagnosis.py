@@ -72,8 +72,17 @@ def diagnose(
     read, names = _read_all(_to_list(recordings), _to_list(held_out), os.fspath(model))
     say = _limit_shares(progress or (lambda what, share: None), begun, minutes)
     noted = _check_logs(model, read, no_check)
-    found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
-                 is_over=is_over, findings_only=findings_only, begun=begun)  # fmt: skip
+    found = find(
+        model,
+        read,
+        held_out=names,
+        seed=seed,
+        memory=memory,
+        progress=say,
+        is_over=is_over,
+        findings_only=findings_only,
+        begun=begun,
+    )
     found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", DRAWING_SHARE)
     page = make_diagnosis_page(found, str(model), [r.file for r in read])
@@ -131,25 +140,17 @@ def _read_all(
 def _check_logs(
     model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
 ) -> list[str]:
-    """Faults of recordings; those that contradict the model are refused.
-
-    Raises:
-        RecordingError: a recording does not fit the model, or contradicts it.
-        UnknownNameError: a kind of fault that there is not.
-    """
+    """Refuse recordings that contradict the model; their other faults, in a line each."""
     from ..recording import check_against_model, list_model_names, load_model
-    from ..telemetry import check_telemetry, list_tolerable, refuse_faulty
+    from ..telemetry import check_telemetry, refuse_faulty
 
-    compiled, noted = load_model(model), []
+    compiled, noted = load_model(model), list[str]()
     names = list_model_names(compiled)
     for recording in recordings:
         check_against_model(recording, names)
         faults = check_telemetry(recording, compiled)
-        refuse_faulty(recording.file, faults, skip)
-        noted += [
-            f"{recording.file}, {fault.describe()}"
-            for fault in list_tolerable(faults, skip)
-        ]
+        for fault in refuse_faulty(recording.file, faults, skip):
+            noted.append(f"{recording.file}, {fault.describe()}")
     return noted
 
 

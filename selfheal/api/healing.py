@@ -155,9 +155,14 @@ def _make_settings(
         rng = np.random.default_rng([seed, 31])
         strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
         return known, HealSettings(
-            file, tuple(s.damage for s in strikes), gait=gait, heading=heading,
-            seed=seed, hours=hours, onsets=tuple(s.time for s in strikes),
-        )  # fmt: skip
+            file,
+            tuple(s.damage for s in strikes),
+            gait=gait,
+            heading=heading,
+            seed=seed,
+            hours=hours,
+            onsets=tuple(s.time for s in strikes),
+        )
     if isinstance(damage, str):
         damage = parse_accident(damage, known[0].anatomy)
     onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))

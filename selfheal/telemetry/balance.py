@@ -23,6 +23,9 @@ from .terms import Terms, make_terms
 if TYPE_CHECKING:
     import mujoco
 
+# share of a joint's torques that is left where they balance; chosen: physics that a
+# model lacks leaves a twelfth at most
+BALANCED = 0.1
 MAX_ROWS = 700  # that are evaluated; chosen: 20 ms for a seven-joint arm
 # [m] at which geoms count as touching, and kernels around a contact that feel it;
 # chosen: an error of a pose, and the width of a kernel
@@ -43,6 +46,13 @@ class TorqueBalance(Explainer):
             that makes motions small allows a stiffer one [N m/rad or N/m].
     """
 
+    limits = 0.015, BALANCED
+    says = "torques are balanced"
+    basis = (
+        "Wilcoxon's signed-rank test of the balance of torques, block by block, times "
+        "the number of hypotheses tried"
+    )
+
     def __init__(self, states: States) -> None:
         """Choose the rows."""
         import mujoco
@@ -50,8 +60,12 @@ class TorqueBalance(Explainer):
         super().__init__(states)
         self.free = copy.copy(self.model)
         flags = mujoco.mjtDisableBit
-        for flag in (flags.mjDSBL_CONTACT, flags.mjDSBL_LIMIT, flags.mjDSBL_EQUALITY,
-                     flags.mjDSBL_FRICTIONLOSS):  # fmt: skip
+        for flag in (
+            flags.mjDSBL_CONTACT,
+            flags.mjDSBL_LIMIT,
+            flags.mjDSBL_EQUALITY,
+            flags.mjDSBL_FRICTIONLOSS,
+        ):
             self.free.opt.disableflags |= int(flag)
         if not self.reason and self.model.neq and self.model.eq_active0.any():
             self.reason = (
@@ -103,9 +117,12 @@ class TorqueBalance(Explainer):
         moment = np.zeros((m.nout, m.nv))
         if m.nout:
             mujoco.mju_sparse2dense(
-                moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr,
+                moment,
+                data.actuator_moment,
+                data.moment_rownnz,
+                data.moment_rowadr,
                 data.moment_colind,
-            )  # fmt: skip
+            )
         for a in range(m.nactuator):
             if not follows_command(m, a):
                 outputs = m.actuator_outadr[a] + np.arange(m.actuator_outnum[a])
@@ -154,11 +171,13 @@ class TorqueBalance(Explainer):
         """Terms (D) of torques, as `compute_torques` has them."""
         return [
             make_terms(
-                int(d), {name: values[:, d] for name, values in torques.items()},
-                self.model.dof_damping[d], self.stiffness[d],
+                int(d),
+                {name: values[:, d] for name, values in torques.items()},
+                self.model.dof_damping[d],
+                self.stiffness[d],
             )
             for d in self.dofs
-        ]  # fmt: skip
+        ]
 
     def _list_factors(self, column_map: ColumnMap) -> Floats:
         """Factor (D) by which a map multiplies the column of a degree of freedom.

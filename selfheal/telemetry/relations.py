@@ -29,9 +29,11 @@ UNITS = {
     "hundredths or percent": 1e2,
     "thousands": 1e-3,
     "radians where degrees were expected": np.pi / 180,
-    **{f"counts of {n} a turn": n / (2 * np.pi) for n in (1000, 1024, 2048, 4096,
-       8192, 16384, 32768, 65536)},
-}  # fmt: skip
+    **{
+        f"counts of {n} a turn": n / (2 * np.pi)
+        for n in (1000, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
+    },
+}
 # names of shares of a joint's range: what is written at its upper end; chosen: LeRobot
 # writes grippers in percent, Robotiq and others as a byte
 SHARES = {"percent of the range": 100.0, "bytes, 0 to 255 over the range": 255.0}
@@ -179,22 +181,21 @@ def list_units(span: float = 0.0) -> dict[str, float]:
     return {**UNITS, **shares}
 
 
-def correlation_p_value(r: float, rows: int, independent: float) -> float:
-    """Probability of a correlation of that size by chance (Fisher's z).
+def correlation_p_value(relation: Relation, independent: float) -> float:
+    """Probability of such a correlation by chance (Fisher's z).
 
     Args:
-        r: correlation [1].
         independent: rows from one independent reading to the next.
     """
     from scipy.stats import norm
 
-    n = rows / independent
-    z = np.arctanh(min(abs(r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
+    n = relation.rows / independent
+    z = np.arctanh(min(abs(relation.r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
     return float(2 * norm.sf(z))
 
 
-def f_test(given: float, left: float, count: float) -> float:
-    """Probability of such mean squares before and after by chance, by an F test."""
+def f_test(given: float, left: float, *counts: float) -> float:
+    """Probability of such mean squares, of so many rows each, by chance (F test)."""
     from scipy.stats import f
 
-    return float(f.sf(given / max(left, 1e-12), count, count))
+    return float(f.sf(given / max(left, 1e-12), *counts))

@@ -76,16 +76,24 @@ def make_terms(
     usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
     inf = np.inf
     terms = [
-        (act, GAIN), (parts["late"], DELAY), (-hold, GRAVITY), (-coupling, COUPLING),
-        (-parts["own"], INERTIA), (-parts["v"], (-1.5 * damping, inf)),
+        (act, GAIN),
+        (parts["late"], DELAY),
+        (-hold, GRAVITY),
+        (-coupling, COUPLING),
+        (-parts["own"], INERTIA),
+        (-parts["v"], (-1.5 * damping, inf)),
         (-np.tanh(parts["v"] / (DRY_RATE * usual)), (0.0, inf)),
         (-parts["q"], (SPRING[0] * stiffness, SPRING[1] * stiffness)),
         (np.ones_like(act), (-inf, inf)),
-    ]  # fmt: skip
+    ]
     return Terms(
-        dof, parts, act - parts["all"], np.stack([t for t, _ in terms], axis=1),
-        np.array([b for _, b in terms]).T, parts["own"] ** 2 + hold**2 + coupling**2,
-    )  # fmt: skip
+        dof,
+        parts,
+        act - parts["all"],
+        np.stack([t for t, _ in terms], axis=1),
+        np.array([b for _, b in terms]).T,
+        parts["own"] ** 2 + hold**2 + coupling**2,
+    )
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:

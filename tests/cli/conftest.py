@@ -36,9 +36,14 @@ class Doctor:
         begun=None,
     ):
         self.asked.append(
-            {"model": model, "files": [r.file for r in recordings],
-             "held_out": list(held_out), "seed": seed, "findings_only": findings_only}
-        )  # fmt: skip
+            {
+                "model": model,
+                "files": [r.file for r in recordings],
+                "held_out": list(held_out),
+                "seed": seed,
+                "findings_only": findings_only,
+            }
+        )
         self.memory = Path(memory)
         self.found = sorted(p.name for p in self.memory.glob("*"))
         self.memory.mkdir(exist_ok=True)
@@ -73,8 +78,9 @@ def doctor(monkeypatch):
     """The stand-in, in its place."""
     stand_in = Doctor()
     for name, function in (
-        ("diagnose", "diagnose"), ("output.replay", "replay_recording"),
-    ):  # fmt: skip
+        ("diagnose", "diagnose"),
+        ("output.replay", "replay_recording"),
+    ):
         module = ModuleType(f"selfheal.diagnosis.{name}")
         setattr(module, function, getattr(stand_in, function))
         monkeypatch.setitem(sys.modules, module.__name__, module)

@@ -67,9 +67,11 @@ def named(recording, tmp_path):
         voltage = replace(episode.signals["voltage"], target=name)
         up = replace(episode.signals["up"], unit=name)
         episode = replace(
-            episode, ctrl_names=("motor", name), motion=name,
+            episode,
+            ctrl_names=("motor", name),
+            motion=name,
             signals={name: voltage, "up": up},
-        )  # fmt: skip
+        )
         made = Recording({name: episode}, robot=name, source=name)
         write(made, tmp_path / "named.h5")
         return tmp_path / "named.h5"
@@ -93,8 +95,15 @@ def test_json_has_the_names_as_they_are(name, named):
     told = json.loads(out)
     (episode,) = told["episodes"]
     signal = episode["signals"][0]
-    found = (told["robot"], told["source"], episode["id"], episode["motion"],
-             episode["actuators"][1], signal["name"], signal["target"])  # fmt: skip
+    found = (
+        told["robot"],
+        told["source"],
+        episode["id"],
+        episode["motion"],
+        episode["actuators"][1],
+        signal["name"],
+        signal["target"],
+    )
     assert set(found) == {name}
 
 
@@ -162,9 +171,11 @@ def test_a_run_of_any_names_is_printed(capsys):
     run = make_run()
     names = tuple(f"{name}{HALVES}" for name in list(NAMES.values())[-3:])
     made = replace(
-        run, anatomy=replace(run.anatomy, parts=names), counts={NAMES["title"]: 1},
+        run,
+        anatomy=replace(run.anatomy, parts=names),
+        counts={NAMES["title"]: 1},
         result={"sureness": [0.5] * 3, "tilt_error": 0.1},
-    )  # fmt: skip
+    )
     _print_result(made, [Path(NAMES["color"])])
     out = capsys.readouterr().out
     assert not find_raw(out) and r"\x1b[31mred" in out
@@ -194,10 +205,12 @@ def test_a_study_of_any_names_is_shown(name, tmp_path):
     done = {"settings": settings, "seconds": 1.0, "megabytes": 5, "worker": name}
     create_study(tmp_path / "study.h5", "diagnose", {name: name}, tasks)
     with open_journal(tmp_path / "study.h5") as journal:
-        journal.add([
-            {"key": name, "outcome": outcome, "error": "", **done},
-            {"key": f"{name}2", "outcome": None, "error": f"Error: {name}", **done},
-        ])  # fmt: skip
+        journal.add(
+            [
+                {"key": name, "outcome": outcome, "error": "", **done},
+                {"key": f"{name}2", "outcome": None, "error": f"Error: {name}", **done},
+            ]
+        )
     out, _, code = _run("study", "show", tmp_path / "study.h5")
     assert code == 0 and out.endswith("report.md\n")
     told = json.loads(_run("study", "show", tmp_path / "study.h5", "--json")[0])
@@ -258,9 +271,13 @@ def test_a_warning_of_mujoco_is_a_line(recording, tmp_path):
     )
     folder = write_empty_diagnosis(tmp_path / "d", model)
     episode = replace(
-        recording.episodes["alpha"], ctrl=np.zeros((5, 0)), ctrl_names=(), signals={},
-        qpos0=np.zeros(2), qvel0=np.zeros(2),
-    )  # fmt: skip
+        recording.episodes["alpha"],
+        ctrl=np.zeros((5, 0)),
+        ctrl_names=(),
+        signals={},
+        qpos0=np.zeros(2),
+        qvel0=np.zeros(2),
+    )
     write(Recording({"a": episode}), tmp_path / "in.h5")
     with warnings.catch_warnings():
         warnings.simplefilter("always")
@@ -276,13 +293,15 @@ def test_a_warning_is_said_once_and_a_log_that_nobody_reads_in_a_line(capsys):
         warnings.simplefilter("always")
         for text in ("\x1b[31m\nfirst", "second", "second"):
             warnings.warn(text, stacklevel=1)
-        record = logging.makeLogRecord({"msg": "no %s", "args": ("\x1b",),
-                                        "levelname": "WARNING"})  # fmt: skip
+        record = logging.makeLogRecord(
+            {"msg": "no %s", "args": ("\x1b",), "levelname": "WARNING"}
+        )
         logging.lastResort.emit(record)
     assert capsys.readouterr().err.splitlines() == [
         r"selfheal: warning: no \x1b",
-        r"selfheal: warning: \x1b[31m\nfirst", "selfheal: warning: second",
-    ]  # fmt: skip
+        r"selfheal: warning: \x1b[31m\nfirst",
+        "selfheal: warning: second",
+    ]
     assert warnings.showwarning is kept and logging.lastResort.formatter is None
 
 

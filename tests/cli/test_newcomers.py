@@ -24,8 +24,10 @@ from tests.support.logs.reading import FIELD, needs_field
 
 ARM = {"shoulder": (-2.0, 2.0), "elbow": (-2.0, 2.0)}
 DESK_ARM = {
-    "shoulder_pan": (-1.9, 1.9), "shoulder_lift": (-1.7, 1.7), "gripper": (-0.2, 1.7),
-}  # fmt: skip
+    "shoulder_pan": (-1.9, 1.9),
+    "shoulder_lift": (-1.7, 1.7),
+    "gripper": (-0.2, 1.7),
+}
 LEG = {f"FL_{part}_joint": (-2.0, 2.0) for part in ("hip", "thigh", "calf")}
 HIPS = [f"{leg}_hip" for leg in ("FL", "FR", "RL", "RR")]
 SERVO = '<position name="{}" joint="{}" kp="15" kv="1.5"/>'
@@ -67,39 +69,65 @@ ROUTES = {
     "csv": Route(_CHAIN, "log.csv", write_csv, _ELBOW),
     "csv without names": Route(_CHAIN, "log.csv", logs.write_numbers, _ELBOW),
     "ros2 and urdf": Route(
-        robots.make_urdf(list(ARM)), "bag", write_ros2_bag, _ELBOW,
+        robots.make_urdf(list(ARM)),
+        "bag",
+        write_ros2_bag,
+        _ELBOW,
         prepare=("--kp", "15", "--kv", "1.5"),
     ),
     "ros2_control": Route(
-        _CHAIN, "bag", logs.write_controller_mcap, ("clock_shift", "world"), 0.0,
+        _CHAIN,
+        "bag",
+        logs.write_controller_mcap,
+        ("clock_shift", "world"),
+        0.0,
         preset="ros2_control",
     ),
     "lerobot in degrees": Route(
-        robots.make_chain(DESK_ARM, SERVO), "set",
+        robots.make_chain(DESK_ARM, SERVO),
+        "set",
         partial(logs.write_lerobot3, limits=[*DESK_ARM.values()], in_degrees=True),
-        _LIFT, 0.25, 30.0,
+        _LIFT,
+        0.25,
+        30.0,
     ),
     "lerobot in shares": Route(
-        robots.make_chain(DESK_ARM, SERVO), "set",
+        robots.make_chain(DESK_ARM, SERVO),
+        "set",
         partial(logs.write_lerobot3, limits=[*DESK_ARM.values()], in_degrees=False),
-        _LIFT, 0.25, 30.0, "lerobot-so101",
+        _LIFT,
+        0.25,
+        30.0,
+        "lerobot-so101",
     ),
     "legged_gym, hung": Route(
-        robots.make_chain(LEG, MOTOR, FREE_BASE), "log.pt", logs.write_legged_gym,
-        ("coulomb_friction", "joint:FL_calf_joint"), 0.3, 100.0, "legged_gym",
+        robots.make_chain(LEG, MOTOR, FREE_BASE),
+        "log.pt",
+        logs.write_legged_gym,
+        ("coulomb_friction", "joint:FL_calf_joint"),
+        0.3,
+        100.0,
+        "legged_gym",
         ("--kp", "20", "--kv", "1.5", "--weld-base"),
     ),
     STANDING: Route(
-        robots.make_quadruped(HIPS), "log.npz", logs.write_standing,
-        ("coulomb_friction", "joint:RL_hip"), 0.5, preset="legged_gym",
+        robots.make_quadruped(HIPS),
+        "log.npz",
+        logs.write_standing,
+        ("coulomb_friction", "joint:RL_hip"),
+        0.5,
+        preset="legged_gym",
     ),
     "servo in JSON": Route(
-        robots.make_chain({"servo": (-2.0, 2.0)}, SERVO), "log.json",
-        logs.write_servo_json, ("coulomb_friction", "joint:servo"), rate=50.0,
+        robots.make_chain({"servo": (-2.0, 2.0)}, SERVO),
+        "log.json",
+        logs.write_servo_json,
+        ("coulomb_friction", "joint:servo"),
+        rate=50.0,
     ),
     "robomimic": Route(_CHAIN, "demo.hdf5", logs.write_robomimic, _ELBOW, rate=50.0),
     "matlab": Route(_CHAIN, "log.mat", logs.write_matlab, _ELBOW),
-}  # fmt: skip
+}
 
 
 def _simulate(route: Route, text: str) -> list[Run]:
@@ -118,10 +146,15 @@ def _simulate(route: Route, text: str) -> list[Run]:
     # a trajectory controller's goals have no steps, and speeds of a bus are noisy
     rng = np.random.default_rng(0)
     return [
-        Run(r.time[:-LATE], r.goal[LATE:], r.position[:-LATE],
-            (r.velocity + rng.normal(0, 0.02, r.velocity.shape))[:-LATE])
-        for k, r in enumerate(runs) if k != 1
-    ]  # fmt: skip
+        Run(
+            r.time[:-LATE],
+            r.goal[LATE:],
+            r.position[:-LATE],
+            (r.velocity + rng.normal(0, 0.02, r.velocity.shape))[:-LATE],
+        )
+        for k, r in enumerate(runs)
+        if k != 1
+    ]
 
 
 def _follow(route: Route, folder: Path) -> list[Run]:
@@ -139,12 +172,14 @@ def _follow(route: Route, folder: Path) -> list[Run]:
     route.write(log, runs, [name for name in joints if name])
     words = ("recording", "import", log, "--model", model)
     preset = ("--preset", route.preset) if route.preset else ()
-    told = json.loads(run_well(*words, "--guess", *preset, "--out", folder / "map.toml",
-                           "--json"))  # fmt: skip
+    told = json.loads(
+        run_well(*words, "--guess", *preset, "--out", folder / "map.toml", "--json")
+    )
     assert not told["missing"]
     run_well(*words, "--map", folder / "map.toml", "--out", recording)
-    said = run_well("recording", "check", recording, "--model", model,
-                "--map", folder / "map.toml")  # fmt: skip
+    said = run_well(
+        "recording", "check", recording, "--model", model, "--map", folder / "map.toml"
+    )
     assert "no fault of the log was found" in said
     return runs
 
@@ -171,8 +206,13 @@ def test_a_guess_makes_a_recording_of_what_the_robot_did(name, tmp_path):
 @pytest.mark.parametrize("name", [name for name in ROUTES if name != STANDING])
 def test_the_verdict_names_what_was_concealed_and_nothing_else(name, tmp_path):
     _follow(ROUTES[name], tmp_path)
-    run_well("diagnose", tmp_path / "model.xml", tmp_path / "rec.h5",
-         "--out", tmp_path / "found")  # fmt: skip
+    run_well(
+        "diagnose",
+        tmp_path / "model.xml",
+        tmp_path / "rec.h5",
+        "--out",
+        tmp_path / "found",
+    )
     document = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     found = [(f["effect"], f["target"]) for f in document["findings"]]
     assert found == [ROUTES[name].found]
@@ -182,15 +222,28 @@ def test_the_verdict_names_what_was_concealed_and_nothing_else(name, tmp_path):
 @needs_field
 def test_a_hung_go2_gets_through_to_the_check(tmp_path):
     """Its motors are torque motors, its log holds goals, its base hangs."""
-    own, model, log = (tmp_path / "go2.xml", tmp_path / "model.xml",
-                       FIELD / "go2_air" / "traj_0.pt")  # fmt: skip
+    own, model, log = (
+        tmp_path / "go2.xml",
+        tmp_path / "model.xml",
+        FIELD / "go2_air" / "traj_0.pt",
+    )
     text = (FIELD / "go2_air" / "go2_upstream.xml").read_text()
     own.write_text(text)
-    run_well("model", "prepare", own, "--kp", 20, "--kv", 1.5, "--weld-base",
-         "--out", model)  # fmt: skip
+    run_well(
+        "model", "prepare", own, "--kp", 20, "--kv", 1.5, "--weld-base", "--out", model
+    )
     words = ("recording", "import", log, "--model", model)
-    told = json.loads(run_well(*words, "--guess", "--preset", "legged_gym", "--out",
-                           tmp_path / "map.toml", "--json"))  # fmt: skip
+    told = json.loads(
+        run_well(
+            *words,
+            "--guess",
+            "--preset",
+            "legged_gym",
+            "--out",
+            tmp_path / "map.toml",
+            "--json",
+        )
+    )
     assert not told["missing"] and not re.search("KP", " ".join(told["remarks"]))
     run_well(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
     said = run_well("recording", "check", tmp_path / "rec.h5", "--model", model)

@@ -85,9 +85,15 @@ def test_a_bar_never_goes_back(clock):
 
 @pytest.mark.parametrize(
     "seconds, said",
-    [(0.2, "about 1 s left"), (7.4, "about 7 s left"), (43, "about 45 s left"),
-     (89, "about 90 s left"), (100, "about 2 min left"), (1000, "about 17 min left")],
-)  # fmt: skip
+    [
+        (0.2, "about 1 s left"),
+        (7.4, "about 7 s left"),
+        (43, "about 45 s left"),
+        (89, "about 90 s left"),
+        (100, "about 2 min left"),
+        (1000, "about 17 min left"),
+    ],
+)
 def test_a_time_left_is_said_no_more_exactly_than_it_is_known(seconds, said):
     assert format_left(seconds) == said
 

@@ -124,10 +124,11 @@ def test_a_map_is_told_the_rules_that_mend_it(tmp_path):
     )
     time = np.arange(200) / 50
     signals = {
-        f"{name}_position": Signal(80 * np.sin(rate * time), "joint_position", name,
-                                   "rad")
+        f"{name}_position": Signal(
+            80 * np.sin(rate * time), "joint_position", name, "rad"
+        )
         for name, rate in (("a", 1.0), ("b", 1.7))
-    }  # fmt: skip
+    }
     write(
         Recording({"0": Episode(time, np.empty((200, 0)), (), signals)}),
         tmp_path / "r.h5",

@@ -21,12 +21,19 @@ ARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 FREE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 <body name="b" pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
 SIGNALS = {
-    ARM: [("joint_position", "a", "rad", 1), ("joint_velocity", "a", "rad/s", 1),
-          ("joint_position", "b", "m", 1), ("joint_torque", "a", "N m", 1),
-          ("sensor", "g", "rad/s", 3)],
-    FREE: [("body_position", "b", "m", 3), ("body_orientation", "b", "1", 4),
-           ("body_angular_velocity", "b", "rad/s", 3)],
-}  # fmt: skip
+    ARM: [
+        ("joint_position", "a", "rad", 1),
+        ("joint_velocity", "a", "rad/s", 1),
+        ("joint_position", "b", "m", 1),
+        ("joint_torque", "a", "N m", 1),
+        ("sensor", "g", "rad/s", 3),
+    ],
+    FREE: [
+        ("body_position", "b", "m", 3),
+        ("body_orientation", "b", "1", 4),
+        ("body_angular_velocity", "b", "rad/s", 3),
+    ],
+}
 CHANGES = {
     "noise": lambda values, rng: values,
     "zeros": lambda values, rng: 0 * values,

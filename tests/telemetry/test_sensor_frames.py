@@ -31,12 +31,15 @@ def recording():
     time = np.arange(800) / 100
     waves = [(a, w, p) for a, w, p in rng.uniform((0.2, 1, 0), (0.5, 5, 6), (6, 3))]
     q, v, acc = (
-        np.stack([
-            sum(a * w**n * np.sin(w * time + p + n * np.pi / 2) for a, w, p in part)
-            for part in (waves[:3], waves[3:])
-        ], axis=1)
+        np.stack(
+            [
+                sum(a * w**n * np.sin(w * time + p + n * np.pi / 2) for a, w, p in part)
+                for part in (waves[:3], waves[3:])
+            ],
+            axis=1,
+        )
         for n in range(3)
-    )  # fmt: skip
+    )
     read, ctrl = np.empty((len(time), 6)), np.empty((len(time), 2))
     for k in range(len(time)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], acc[k]
@@ -54,8 +57,10 @@ def recording():
 
 def _turn(recording, rotation):
     e = recording.episodes["0"]
-    turned = {n: replace(e.signals[n], values=rotation.apply(e.signals[n].values))
-              for n in ("gyro", "acc")}  # fmt: skip
+    turned = {
+        n: replace(e.signals[n], values=rotation.apply(e.signals[n].values))
+        for n in ("gyro", "acc")
+    }
     return Recording({"0": replace(e, signals={**e.signals, **turned})})
 
 

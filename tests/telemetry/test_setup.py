@@ -69,8 +69,9 @@ def test_goals_that_are_sent_to_motors_are_told_with_the_servos(servo_arm, make_
     model = make_arm(motors)
     found = check_telemetry(servo_arm[1], model)
     assert [(f.kind, f.columns, f.target) for f in found] == [
-        ("actuator_type", ("s",), "shoulder"), ("actuator_type", ("e",), "elbow")
-    ]  # fmt: skip
+        ("actuator_type", ("s",), "shoulder"),
+        ("actuator_type", ("e",), "elbow"),
+    ]
     assert all(f.is_decisive for f in found)
     assert '<position name="e" joint="elbow" kp="KP" kv="KV"/>' in map(
         str, found[1].corrections

@@ -108,8 +108,10 @@ def test_an_episode_with_another_zero_is_told(arm_with_a_load):
 
 def test_a_late_command_makes_an_episode_of_steps_no_odd_one():
     """It is seen where commands jump alone, as no sign and no load is."""
-    text = robots.make_chain({"shoulder": (-1.5, 1.5), "elbow": (-1.5, 1.5)},
-        '<position name="{}" joint="{}" kp="15" kv="0.6"/>')  # fmt: skip
+    text = robots.make_chain(
+        {"shoulder": (-1.5, 1.5), "elbow": (-1.5, 1.5)},
+        '<position name="{}" joint="{}" kp="15" kv="0.6"/>',
+    )
     model, episodes = mujoco.MjModel.from_xml_string(text), {}
     for k, run in enumerate(simulate_runs(text, lambda m: None, rate=100, seconds=6)):
         signals = {
@@ -117,7 +119,7 @@ def test_a_late_command_makes_an_episode_of_steps_no_odd_one():
             "joint_velocity": dict(zip(JOINTS, run.velocity[:-4].T, strict=True)),
         }
         ctrl = dict(zip(JOINTS, run.goal[4:].T, strict=True))
-        made = Recording.from_arrays(run.time[:-4], ctrl, signals)  # fmt: skip
+        made = Recording.from_arrays(run.time[:-4], ctrl, signals)
         episodes[str(k)] = made.episodes["000"]
     assert not check_telemetry(Recording(episodes), model)
 

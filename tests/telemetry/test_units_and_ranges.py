@@ -89,10 +89,14 @@ def _read_torques(recording, *columns):
     rng, episodes = np.random.default_rng(0), {}
     for k, e in recording.episodes.items():
         read = {
-            f"tau_{a}": Signal(e.ctrl[:, c] + rng.normal(0, 0.01, len(e.time)),
-                               "joint_torque", a, "N m")
+            f"tau_{a}": Signal(
+                e.ctrl[:, c] + rng.normal(0, 0.01, len(e.time)),
+                "joint_torque",
+                a,
+                "N m",
+            )
             for a, c in zip("se", columns, strict=True)
-        }  # fmt: skip
+        }
         episodes[k] = replace(e, signals={**e.signals, **read})
     return replace(recording, episodes=episodes)
 

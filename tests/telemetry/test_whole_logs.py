@@ -12,11 +12,13 @@ from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.map_corrections import correct_rules
 from tests.support.logs.edited_logs import DEGREES, edit, flip
 
-MAP = LogMap([
-    ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
-    ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
-    ColumnRule("joint_velocity", "*_speed", unit="rad/s"),
-])  # fmt: skip
+MAP = LogMap(
+    [
+        ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
+        ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
+        ColumnRule("joint_velocity", "*_speed", unit="rad/s"),
+    ]
+)
 
 
 POSITIONS = ("shoulder_q", "elbow_q")
@@ -36,10 +38,13 @@ def limited(servo_arm):
     [
         (DEGREES, 1, {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v"}),
         (1, DEGREES, {"s", "e"}),
-        (DEGREES, DEGREES,
-         {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "s", "e"}),
+        (
+            DEGREES,
+            DEGREES,
+            {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "s", "e"},
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
     model, recording = limited
     wrong = edit(recording, lambda t, x: read * x, *COLUMNS, ctrl=sent)
@@ -56,8 +61,9 @@ def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
     model, recording = limited
     model.jnt_range[:] = (-0.7, 0.9), (-0.6, 1.1)
     spans, middles = (1.6, 1.7), (0.1, 0.25)
-    factors = dict(zip(("shoulder", "elbow"), zip(spans, middles, strict=True),
-                       strict=True))  # fmt: skip
+    factors = dict(
+        zip(("shoulder", "elbow"), zip(spans, middles, strict=True), strict=True)
+    )
 
     def share(values, span, middle):
         return np.deg2rad(np.clip((values - middle) * 200 / span, -100, 100))
@@ -67,11 +73,18 @@ def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
         wrong = edit(wrong, lambda t, x, s=span, m=middle: share(x, s, m), f"{name}_q")
         speed = np.deg2rad(200 / span)
         wrong = edit(wrong, lambda t, x, factor=speed: factor * x, f"{name}_v")
-    wrong = replace(wrong, episodes={
-        k: replace(e, ctrl=share(recording.episodes[k].ctrl, np.array(spans),
-                                 np.array(middles)))
-        for k, e in wrong.episodes.items()
-    })  # fmt: skip
+    wrong = replace(
+        wrong,
+        episodes={
+            k: replace(
+                e,
+                ctrl=share(
+                    recording.episodes[k].ctrl, np.array(spans), np.array(middles)
+                ),
+            )
+            for k, e in wrong.episodes.items()
+        },
+    )
     faults = [f for f in check_telemetry(wrong, model) if f.kind == "unit"]
     (fault,) = faults
     assert "LeRobot" in fault.seen and "from_range = [-100, 100]" in fault.describe()
@@ -101,9 +114,14 @@ def test_a_joint_that_passes_zero_has_no_rows_of_zeros(servo_arm):
 def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted):
     model, recording = servo_arm
     e = recording.episodes[aborted]
-    e = replace(e, time=e.time[:250], ctrl=e.ctrl[:250], signals={
-        n: replace(s, values=s.values[:250].copy()) for n, s in e.signals.items()
-    })  # fmt: skip
+    e = replace(
+        e,
+        time=e.time[:250],
+        ctrl=e.ctrl[:250],
+        signals={
+            n: replace(s, values=s.values[:250].copy()) for n, s in e.signals.items()
+        },
+    )
     rng = np.random.default_rng(0)
     for s in e.signals.values():
         still = s.values[80] if s.kind == "joint_position" else 0 * s.values[80]
@@ -127,8 +145,9 @@ def test_an_episode_in_whose_end_no_motor_acts_is_told(torque_arm):
             signals[f"{name}_q"][k] = data.qpos[j] + rng.normal(0, 3e-4)
         signals["gyro"][k] = data.sensordata + rng.normal(0, 1e-2, 3)
         mujoco.mj_step(model, data, 5)
-    e = replace(e, signals={
-        n: replace(s, values=signals[n]) for n, s in e.signals.items()})  # fmt: skip
+    e = replace(
+        e, signals={n: replace(s, values=signals[n]) for n, s in e.signals.items()}
+    )
     wrong = replace(recording, episodes={**recording.episodes, "1": e})
     faults = check_telemetry(wrong, model)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", ("1",))}

@@ -8,7 +8,7 @@ import numpy as np
 from ...recording import Recording
 from ...recording.data import Floats
 from ..context import READ, Context
-from ..fault import SKIP, ColumnCorrection, Fault, format_columns
+from ..fault import ColumnCorrection, Fault, format_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15
@@ -96,9 +96,15 @@ def _make_fault(
     signal = recording.episodes[cases[0][0]].signals[name]
     log_p = min(case[3] for case in cases)
     return Fault(
-        kind, tuple(case[0] for case in cases), (name,), signal.target, said,
-        float(np.exp(max(log_p, -600))), BASIS, (ColumnCorrection(name, {SKIP: True}),),
-    )  # fmt: skip
+        kind,
+        tuple(case[0] for case in cases),
+        (name,),
+        signal.target,
+        said,
+        float(np.exp(max(log_p, -600))),
+        BASIS,
+        (ColumnCorrection(name, {"skip": True}),),
+    )
 
 
 def _judge_frozen(
@@ -160,9 +166,10 @@ def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> boo
 def _list_live(context: Context) -> Iterator[tuple[str, str, Floats, Floats]]:
     """The column of each signal and episode that changes most often."""
     return context.list_columns(
-        READ, MIN_HELD_SAMPLES,
+        READ,
+        MIN_HELD_SAMPLES,
         lambda values: (np.diff(values, axis=0) != 0).sum(axis=0),
-    )  # fmt: skip
+    )
 
 
 def _measure_repeats(context: Context) -> dict[str, float | None]:

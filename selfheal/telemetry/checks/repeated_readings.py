@@ -44,12 +44,17 @@ class _Hold(NamedTuple):
 
 def find(context: Context) -> Iterator[Fault]:
     """Signals that hold each reading for several samples, while others go on."""
-    goals = {n: j.servo.command for j in context.joints.values() if j.servo
-             for n in j.columns}  # fmt: skip
+    goals = {
+        n: j.servo.command
+        for j in context.joints.values()
+        if j.servo
+        for n in j.columns
+    }
     columns = context.list_columns(
-        (*READ, "joint_torque"), MIN_JUMPS,
+        (*READ, "joint_torque"),
+        MIN_JUMPS,
         lambda values: np.std(values, axis=0),
-    )  # fmt: skip
+    )
     held: dict[str, list[tuple[str, _Hold]]] = {}
     count = 0
     for episode, name, time, values in columns:
@@ -124,11 +129,16 @@ def _report(
         seconds = float(np.median([h.seconds for _, h in cases]))
         signal = recording.episodes[cases[0][0]].signals[names[0]]
         yield Fault(
-            "stale", tuple(dict.fromkeys(k for k, _ in cases)), tuple(names),
+            "stale",
+            tuple(dict.fromkeys(k for k, _ in cases)),
+            tuple(names),
             signal.target,
             f"{format_columns(names)} hold{'s' * (len(names) == 1)} each reading for "
             f"{samples} samples, {1e3 * seconds:.3g} ms, while the joint or body moves",
-            max(p_values[n] for n in names), BASIS,
-            (f"leave repeated cells of {format_columns(names)} empty in the log, or "
-             "the columns out",),
-        )  # fmt: skip
+            max(p_values[n] for n in names),
+            BASIS,
+            (
+                f"leave repeated cells of {format_columns(names)} empty in the log, or "
+                "the columns out",
+            ),
+        )

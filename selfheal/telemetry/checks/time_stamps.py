@@ -34,9 +34,13 @@ def find(context: Context) -> Iterator[Fault]:
             "jitter": "[time] rate = HZ in the map, if the rows were taken evenly",
         }[kind]
         yield Fault(
-            kind, tuple(name for _, name, _ in cases), (), "",
-            f"episode {worst!r}: {said}", corrections=(correction,),
-        )  # fmt: skip
+            kind,
+            tuple(name for _, name, _ in cases),
+            (),
+            "",
+            f"episode {worst!r}: {said}",
+            corrections=(correction,),
+        )
 
 
 def _examine(episode: Episode) -> Mapping[str, tuple[float, str]]:

@@ -34,12 +34,15 @@ def find(context: Context) -> Iterator[Fault]:
     context.recording = replace(context.recording, episodes=episodes)
     zeros, read = (sum(counts) for counts in zip(*seen.values(), strict=True))
     yield Fault(
-        "zeros", tuple(seen), tuple(columns), "",
+        "zeros",
+        tuple(seen),
+        tuple(columns),
+        "",
         f"in {zeros} of {read} rows {format_columns(list(columns)[:3])}"
         f"{' and others' * (len(columns) > 3)} are 0 at once, and go there and back "
         "as no motion does: rows of a second publisher, or of a bus that was lost",
         corrections=tuple(ColumnCorrection(n, {"missing": 0.0}) for n in columns),
-    )  # fmt: skip
+    )
 
 
 def _find_in_episode(episode: Episode) -> tuple[np.ndarray, list[str]]:
