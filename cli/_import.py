@@ -2,11 +2,11 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from selfheal.printable import join_names
 
-from ._print import print_line
+from ._print import print_document, print_line
 
 if TYPE_CHECKING:
     from selfheal.logs.guessing.guess import Guess
@@ -14,13 +14,9 @@ if TYPE_CHECKING:
     from selfheal.logs.offsets import Offset
 
 
-def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
-    """A guess as JSON.
-
-    Args:
-        path: of the map that holds it.
-    """
-    columns = []
+def print_guess_as_json(guess: "Guess", path: Path) -> None:
+    """A guess, and the path of the map that holds it."""
+    columns = list[dict[str, object]]()
     for line in guess.lines:
         width = len(line.columns) // len(line.targets)
         columns += [
@@ -35,15 +31,8 @@ def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
             }
             for k, target in enumerate(line.targets)
         ]
-    return {
-        "format": "selfheal-map-guess",
-        "version": 1,
-        "map": str(path),
-        "columns": columns,
-        "unused": guess.unused,
-        "missing": guess.missing,
-        "remarks": guess.remarks,
-    }
+    said = {name: getattr(guess, name) for name in ("unused", "missing", "remarks")}
+    print_document("map-guess", map=str(path), columns=columns, **said)
 
 
 def print_import(report: "ImportReport", path: Path) -> None:
@@ -101,15 +90,3 @@ def _describe_offset(offset: "Offset") -> str:
         return f"{said}: as good as none."
     stream = json.dumps(offset.stream)
     return f"{said}; in the map: [time.streams.{stream}] offset = {-late / 1000:.4f}"
-
-
-def summarize_import(report: "ImportReport", path: Path) -> dict[str, Any]:
-    """An import as JSON."""
-    from dataclasses import asdict
-
-    return {
-        "format": "selfheal-import",
-        "version": 1,
-        "recording": str(path),
-        **asdict(report),
-    }

@@ -37,19 +37,18 @@ class ProgressBar:
     With `--json` lines are shown where there is a bar too, or where they are asked for.
     """
 
-    def __init__(self, what: str, *, as_json: bool, asked: bool = False) -> None:
-        """Begin.
+    def __init__(self, what: str, *, as_json: bool, progress: bool) -> None:
+        """Begin; with `progress` how far it is is said where there is no terminal, too.
 
         Args:
             as_json: whether a script reads the result.
-            asked: whether progress is to be said even where there is no terminal.
         """
         from rich.console import Console
 
         console = Console(file=unwrap(sys.stderr))
         self._console = console
-        self._is_quiet = as_json and not (console.is_terminal or asked)
-        self._says_shares = asked and not console.is_terminal
+        self._is_quiet = as_json and not (console.is_terminal or progress)
+        self._says_shares = progress and not console.is_terminal
         self._start = time.perf_counter()
         self._what, self._whole, self._most, self._said = what, 0.0, 0.0, 0.0
         self._bar = _make_bar(self) if console.is_terminal else None

@@ -12,10 +12,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file, check_writable, explain_unreadable
 from selfheal.printable import join_names
 
-from ._options import AS_JSON, FORCE, SEED, complete, list_faults, out_file, out_folder
-from ._print import print_error, print_json, print_line, print_table, print_text
+from ._options import AS_JSON, FORCE, SEED, complete, out_file, out_folder
+from ._print import (
+    print_document,
+    print_error,
+    print_json,
+    print_line,
+    print_long_line,
+    print_table,
+    print_text,
+)
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
@@ -25,7 +35,7 @@ if TYPE_CHECKING:
 _NO_CHECK = typer.Option(
     metavar="NAME",
     help="A fault of logs to let pass, as `sign`.",
-    autocompletion=complete(list_faults),
+    autocompletion=complete("telemetry:KINDS"),
 )
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
 _MEANS = (
@@ -77,10 +87,12 @@ def diagnose(
     from selfheal.api import diagnose as find
     from selfheal.diagnosis.output.storage import claim_folder
 
-    out = out or _choose_folder(model, resume)
+    if resume and out is None:
+        raise InputError("--resume needs --out FOLDER, that of the killed diagnosis")
+    out = out or choose_run_folder(f"diagnose-{model.stem}")
     with (
         claim_folder(out, force=force, resume=resume) as memory,
-        ProgressBar("reading", as_json=as_json, asked=progress) as live,
+        ProgressBar("reading", as_json=as_json, progress=progress) as live,
     ):
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
@@ -99,19 +111,10 @@ def diagnose(
             )
         found.save(out, force=force)
     if as_json:
-        extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
-        print_json({**found.document, **extra})
+        seconds = round(found.seconds, 1)
+        print_json({**found.document, "seconds": seconds, "folder": str(out)})
     else:
         _print_diagnosis(found, out)
-
-
-def _choose_folder(model: Path, resume: bool) -> Path:
-    """A free folder for a diagnosis of a model; to go on with one, it must be named."""
-    from selfheal.errors import InputError
-
-    if resume:
-        raise InputError("--resume needs --out FOLDER, that of the killed diagnosis")
-    return choose_run_folder(f"diagnose-{model.stem}")
 
 
 @contextmanager
@@ -120,7 +123,7 @@ def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], b
     pressed = threading.Event()
     earlier = signal.getsignal(signal.SIGINT)
 
-    def note(number: int, frame: Any) -> None:
+    def note(number: int, frame: object) -> None:
         """Take the first one as the wish for an answer."""
         pressed.set()
         signal.signal(signal.SIGINT, earlier)
@@ -144,9 +147,9 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     from selfheal.report.errors import state_errors
     from selfheal.report.phrases import state_verdict
 
-    print_text(state_verdict(found.document), "bold", is_wrapped=False)
+    print_long_line(state_verdict(found.document), "bold")
     for said in state_errors(found.document["fit"]):
-        print_text(said, is_wrapped=False)
+        print_long_line(said)
     _print_findings(found.document["findings"])
     _print_fit(found.document["fit"])
     for remark in found.remarks:
@@ -226,30 +229,30 @@ def replay(
 
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model, force)
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         predicted = replay_recording(
             folder, read(inputs), model=model, progress=live.show
         )
     predicted = replace(predicted, source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
-    document = {
-        "format": "selfheal-replay",
-        "version": 1,
-        "diagnosis": str(folder),
-        "model": None if model is None else str(model),
-        "inputs": str(inputs),
-        "predicted": str(out),
-        "episodes": len(predicted.episodes),
-        "samples": sum(e.time.size for e in predicted.episodes.values()),
-        "seconds": round(time.perf_counter() - start, 1),
-    }
+    count = len(predicted.episodes)
+    samples = sum(e.time.size for e in predicted.episodes.values())
+    seconds = round(time.perf_counter() - start, 1)
     if as_json:
-        print_json(document)
+        print_document(
+            "replay",
+            diagnosis=str(folder),
+            model=None if model is None else str(model),
+            inputs=str(inputs),
+            predicted=str(out),
+            episodes=count,
+            samples=samples,
+            seconds=seconds,
+        )
     else:
         print_line(
-            f"{out}: {document['episodes']} episodes, {document['samples']} samples "
-            f"predicted in {document['seconds']} s"
+            f"{out}: {count} episodes, {samples} samples predicted in {seconds} s"
         )
 
 
@@ -258,8 +261,6 @@ def _check_replay(
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.diagnosis.output.storage import ALL_FILES, FILES
-    from selfheal.errors import InputError
-    from selfheal.files import check_file, check_writable, explain_unreadable
 
     if not os.path.isfile(folder / FILES[0]):
         raise InputError(
@@ -270,13 +271,10 @@ def _check_replay(
         check_file(model)
     check_file(inputs)
     check_writable(out)
-    used = [inputs, *(folder / name for name in ALL_FILES), *filter(None, [model])]
-    if out.resolve() in [path.resolve() for path in used]:
-        raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := explain_unreadable(out)):
         raise InputError(f"cannot write {out}: {reason}")
-    if out.exists():
-        refuse_existing(out, force=force or _is_prediction(out))
+    used = [inputs, *(folder / name for name in ALL_FILES), *filter(None, [model])]
+    refuse_existing(out, used, force=force or _is_prediction(out))
 
 
 def _is_prediction(path: Path) -> bool:
@@ -298,22 +296,15 @@ def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
     """List the physics that can be found missing."""
     from selfheal.diagnosis.effects import load_catalogue
 
-    found = [
-        {
-            "name": e.name,
-            "group": e.group,
-            "says": e.description,
-            "equation": e.equation,
-            "source": e.source,
-            "separate_by": e.separate_by,
-        }
-        for e in load_catalogue().values()
-    ]
+    catalogue = load_catalogue().values()
     if as_json:
-        print_json({"format": "selfheal-effects", "version": 1, "effects": found})
+        keys = ("name", "group", "equation", "source", "separate_by")
+        found = [
+            {"says": e.description, **{key: getattr(e, key) for key in keys}}
+            for e in catalogue
+        ]
+        print_document("effects", effects=found)
         return
     head = ("name", "where", "what happens", "equation")
-    rows = [
-        [str(e[key]) for key in ("name", "group", "says", "equation")] for e in found
-    ]
+    rows = [(e.name, e.group, e.description, e.equation) for e in catalogue]
     print_table(head, rows, whole=2)

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_damages,
     out_folder,
     resume_from,
     start_over,
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
 _DAMAGE = typer.Option(
-    autocompletion=complete(list_damages),
+    autocompletion=complete("body.damage:KIND_WORDS", "random", end=":"),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
     "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several "
     "with commas, or random:SEED.",
@@ -79,7 +81,7 @@ def gait(
     check_gait_settings(gait, math.radians(heading), seed)
     found, robot = load_identified(run)
     start = time.perf_counter()
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         trial = walk_trial(
             found,
             robot,
@@ -124,7 +126,6 @@ def heal(
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
     from selfheal.api import heal as run_heal
-    from selfheal.errors import InputError
 
     if (run is None) == (resume is None):
         raise InputError("give either RUN.h5 --damage WHAT or --resume HEAL.h5")
@@ -134,7 +135,7 @@ def heal(
             "--hours 1 of random damages"
         )
     folder = RunFolder(out, force)
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         show = _PhaseProgress(live, _SECONDS)
         if resume is not None:
             refuse_settings(context)
@@ -179,8 +180,6 @@ def watch(
 ) -> None:
     """Say when a recording stopped fitting a body."""
     from selfheal.body.mjcf import load
-    from selfheal.errors import InputError
-    from selfheal.files import check_file
     from selfheal.recording import read
     from selfheal.recovery.monitor import FALSE_ALARMS
     from selfheal.recovery.watch_recording import watch_recording
@@ -222,8 +221,6 @@ def _format_watched(episode: dict[str, Any]) -> str:
 
 def _check_heading(heading: float) -> None:
     """Refuse a heading [deg] beyond a turn."""
-    from selfheal.errors import InputError
-
     if not -360 <= heading <= 360:
         raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
 
@@ -255,24 +252,21 @@ class _PhaseProgress:
 def _format_phase(name: str, phase: Mapping[str, Any]) -> str:
     """What came of a phase, in a line."""
     from selfheal.recovery.phases import describe_belief
+    from selfheal.report.heal import describe_alarm
 
-    if name.startswith("ask"):
-        return f"{phase['why']}: {describe_belief(phase['believed'][0])}"
-    done = _PHASES[name]
+    said = ""
     if name in ("gait", "healed"):
-        return f"{done}: predicted {phase['gait']['predicted']:.2f} m in 10 s"
-    if name == "whole":
-        return f"{done}: {phase['distance']:.2f} m in 10 s"
-    if name == "alarm":
-        from selfheal.report.heal import describe_alarm
-
-        a = phase["alarm"]
-        return f"{done}: {describe_alarm(a, None) if a else 'no alarm'}"
-    if name == "verdict":
-        return f"{done}: {describe_belief(phase['believed'][0])}"
-    if name == "walked":
-        return f"{done}: {phase['damaged']:.2f} m and {phase['healed']:.2f} m"
-    return done
+        said = f"predicted {phase['gait']['predicted']:.2f} m in 10 s"
+    elif name == "whole":
+        said = f"{phase['distance']:.2f} m in 10 s"
+    elif name == "alarm":
+        said = describe_alarm(phase["alarm"], None) if phase["alarm"] else "no alarm"
+    elif name == "verdict" or name.startswith("ask"):
+        said = describe_belief(phase["believed"][0])
+    elif name == "walked":
+        said = f"{phase['damaged']:.2f} m and {phase['healed']:.2f} m"
+    done = phase["why"] if name.startswith("ask") else _PHASES[name]
+    return f"{done}: {said}" if said else done
 
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError, SelfhealError
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_robot_names,
     out_folder,
     resume_from,
     start_over,
@@ -42,7 +43,7 @@ def identify(
         str | None,
         typer.Option(
             help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
-            autocompletion=complete(list_robot_names),
+            autocompletion=complete("cli._options:list_robot_names"),
         ),
     ] = None,
     recordings: Annotated[
@@ -70,11 +71,10 @@ def identify(
     if moves or resume:  # as `diagnose` does
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import identify as run_identify
-    from selfheal.errors import InputError
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
-    with ProgressBar("starting", as_json=as_json, asked=progress) as live:
+    with ProgressBar("starting", as_json=as_json, progress=progress) as live:
         show = _CycleProgress(live)
         stage = DiagnosisProgress(live)
         if resume is not None:
@@ -244,7 +244,6 @@ def _summarize_run(run: "Run") -> Iterator[str]:
 def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
     """What moves over time showed, a line each."""
     from selfheal.diagnosis.output.storage import read_document
-    from selfheal.errors import SelfhealError
     from selfheal.report.phrases import state_verdict
 
     how = "while the torso lay still" if found["held"] else "with limbs on the floor"
@@ -263,7 +262,6 @@ def show(
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
-    from selfheal.errors import InputError
     from selfheal.selfmodel.read_run import load_run
 
     run = load_run(file)

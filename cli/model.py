@@ -1,13 +1,20 @@
 """`selfheal model`: takes a robot's URDF or MJCF, gives one that can be diagnosed."""
 
+from math import isfinite
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file
+
 from ._options import AS_JSON, FORCE, make_epilog, out_file
-from ._print import print_json, print_line
+from ._print import print_document, print_line
 from ._runs import refuse_existing
+
+if TYPE_CHECKING:
+    from selfheal.preparation.drives import Gains
 
 app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
 _EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
@@ -60,21 +67,18 @@ def prepare(
     from selfheal.preparation.drives import Gains
     from selfheal.preparation.prepare import prepare_model, write_model
 
-    _check_arguments(model, out, bool(kp), bool(kv), motors, force)
-    gains = Gains(
-        _read_gains("--kp", kp or ()),
-        _read_gains("--kv", kv or ()),
-        tuple(passive or ()),
-        motors,
-    )
+    stiffness, damping = _read_gains("--kp", kp), _read_gains("--kv", kv)
+    gains = Gains(stiffness, damping, tuple(passive or ()), motors)
+    _check_drives(gains)
+    check_file(model)
+    refuse_existing(out, [model], force=force)
     done = prepare_model(
         model, out.parent, gains, weld_base=weld_base, without_contacts=no_contacts
     )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_model(done, out)
     if as_json:
-        document = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
-        print_json({**document, "out": str(out), "steps": list(done.steps)})
+        print_document("prepare", model=str(model), out=str(out), steps=[*done.steps])
         return
     for step in done.steps:
         print_line(step)
@@ -83,32 +87,20 @@ def prepare(
     )
 
 
-def _check_arguments(
-    model: Path, out: Path, stiff: bool, damped: bool, motors: bool, force: bool
-) -> None:
-    """Refuse what says no drive, or would overwrite something."""
-    from selfheal.errors import InputError
-    from selfheal.files import check_file
-
-    check_file(model)
-    if (motors and stiff) or (damped and not stiff):
+def _check_drives(gains: "Gains") -> None:
+    """Refuse what says no drive."""
+    stiff, damped = bool(gains.kp), bool(gains.kv)
+    if (gains.motors and stiff) or (damped and not stiff):
         raise InputError(
             "--motors is for commands of torque, --kp for goal positions, --kv goes "
             "with it; would fit: one of --kp VALUE, --kp VALUE --kv VALUE, --motors"
         )
-    if out.resolve() == model.resolve():
-        raise InputError(f"--out {out} would overwrite the model itself")
-    refuse_existing(out, force=force)
 
 
-def _read_gains(option: str, entries: "list[str] | tuple[()]") -> dict[str, float]:
+def _read_gains(option: str, entries: list[str] | None) -> dict[str, float]:
     """Gains by joint of what an option was given; "" for all others."""
-    from math import isfinite
-
-    from selfheal.errors import InputError
-
     found: dict[str, float] = {}
-    for entry in entries:
+    for entry in entries or ():
         joint, _, value = entry.rpartition("=")
         try:
             number = float(value)

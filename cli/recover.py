@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from selfheal.errors import InputError, RunFileError, RunLockError
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_legged_robots,
-    list_scenarios,
     out_folder,
     resume_from,
     start_over,
@@ -40,11 +40,11 @@ _START = 0.1  # before the first one, measured in the same
 _ROBOT = typer.Option(
     help="quadruped or hexapod.",
     metavar="NAME",
-    autocompletion=complete(list_legged_robots),
+    autocompletion=complete("body.legged:LEGGED"),
 )
 _SCENARIO = typer.Option(
     metavar="NUMBER|all",
-    autocompletion=complete(list_scenarios),
+    autocompletion=complete("robot.scenarios:SCENARIOS", "all"),
     help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a weak "
     "sensor, 13 a slope, 14 slippery ground, 15 wind.",
 )
@@ -79,7 +79,6 @@ def recover(
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""
     from selfheal.api.recovery import make_recover_settings
-    from selfheal.errors import InputError
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
@@ -100,7 +99,6 @@ def recover(
 
 def _parse_scenarios(scenario: str) -> Sequence[int]:
     """The scenarios that a user's word means; whether they exist is not its concern."""
-    from selfheal.errors import InputError
     from selfheal.robot.scenarios import TABLE
 
     if scenario == "all":
@@ -126,8 +124,6 @@ def _begin_runs(
 
 def _find_runs(place: Path) -> list[Path]:
     """The run files of a folder, or the one that was named."""
-    from selfheal.errors import RunFileError
-
     if not place.is_dir():
         return [place]
     found = sorted(place.rglob(_NAME))
@@ -136,13 +132,12 @@ def _find_runs(place: Path) -> list[Path]:
     return found
 
 
-def _finish_runs(paths: list[Path], as_json: bool, asked: bool) -> None:
+def _finish_runs(paths: list[Path], as_json: bool, progress: bool) -> None:
     """Each run to its end, and what came of them; several processes may share them."""
     from selfheal.api import recover as run_recover
-    from selfheal.errors import RunLockError
 
     done = []
-    with ProgressBar("reading", as_json=as_json, asked=asked) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         for number, path in enumerate(paths):
             show = _RunProgress(live, number, len(paths))
             try:

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import lock_file
+
 from ._options import AS_JSON, make_epilog, out_folder, resume_from, start_over
 from ._print import print_error, print_json, print_line, print_table, print_text
 from ._progress import ProgressBar, ShowProgress
@@ -64,7 +67,6 @@ def _run_study(
     progress: ShowProgress = False,
 ) -> None:
     """One study; which one, the command's name says."""
-    from selfheal.errors import InputError
     from selfheal.study.plan import StudyRequest
     from selfheal.study.workers import Workplace, check_workplace
 
@@ -79,12 +81,12 @@ def _run_study(
         refuse_settings(context, heeded=("only", "workers", "scheduler", "cluster"))
         _check_name(resume, name)
         _finish_study(
-            resume, place, only_failed=bool(only), as_json=as_json, asked=progress
+            resume, place, only_failed=bool(only), as_json=as_json, progress=progress
         )
         return
     count = _RUNS[name] if runs is None else runs
     path = _begin_study(name, StudyRequest(count, seed, recordings, folder), out, force)
-    _finish_study(path, place, only_failed=False, as_json=as_json, asked=progress)
+    _finish_study(path, place, only_failed=False, as_json=as_json, progress=progress)
 
 
 def _begin_study(
@@ -94,8 +96,6 @@ def _begin_study(
     from dataclasses import replace
 
     from selfheal.api.run_files import clear_run
-    from selfheal.errors import InputError
-    from selfheal.files import lock_file
     from selfheal.study.plan import find_study
     from selfheal.study.run import begin_study
     from selfheal.study.store import find_journal
@@ -127,7 +127,6 @@ def _begin_study(
 
 def _check_name(path: Path, name: str) -> None:
     """Refuse to go on with a study by another one's name."""
-    from selfheal.errors import InputError
     from selfheal.study.store import load_study
 
     found = load_study(path).study
@@ -138,14 +137,14 @@ def _check_name(path: Path, name: str) -> None:
 
 
 def _finish_study(
-    path: Path, place: "Workplace", *, only_failed: bool, as_json: bool, asked: bool
+    path: Path, place: "Workplace", *, only_failed: bool, as_json: bool, progress: bool
 ) -> None:
     """Do what is left, then show it."""
     from selfheal.study.run import continue_study
     from selfheal.study.store import load_study
 
     try:
-        with ProgressBar("starting", as_json=as_json, asked=asked) as live:
+        with ProgressBar("starting", as_json=as_json, progress=progress) as live:
             for p in continue_study(path, place, only_failed=only_failed):
                 here = p.session + p.total - p.done  # runs of this session
                 live.show(_describe_progress(p), p.session / max(here, 1))

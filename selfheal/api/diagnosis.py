@@ -140,7 +140,7 @@ def _read_all(
 def _check_logs(
     model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
 ) -> list[str]:
-    """Refuse recordings that contradict the model; their other faults, in a line each."""
+    """Refuse recordings that contradict the model; other faults, in a line each."""
     from ..recording import check_against_model, list_model_names, load_model
     from ..telemetry import check_telemetry, refuse_faulty
 

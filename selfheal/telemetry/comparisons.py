@@ -51,7 +51,6 @@ class Disagreement:
     Attributes:
         what: "velocity" or "command": what was compared with the position.
         kind: "sign", "unit", "exchange", "delay" or "derivative".
-        joint: its name.
         partner: the other joint of an exchange; else "".
         episodes: ids in which it is so.
         relation: of the two columns there.
@@ -83,7 +82,6 @@ class Comparison:
 
     Attributes:
         what: "velocity" or "command": what is compared with the position.
-        series: of the recording.
         first: (N) by joint: the derivative of the position, or what is commanded.
         second: (N) by joint: what should be the same.
         lags: in rows that are searched.
@@ -102,14 +100,10 @@ class Comparison:
     moves: frozenset[str] = frozenset()
 
     def relate(self, one: str, other: str, rows: np.ndarray) -> Relation:
-        """How the second column of `other` follows the first of `one`.
-
-        Args:
-            rows: (n) those that are compared.
-        """
+        """How the second column of `other` follows the first of `one` in rows (n)."""
         x = self.first[one]
         if not measure_spread(x[rows]) > LIVELY * measure_spread(x):
-            return Relation(len(rows), 0, np.nan, np.nan, 0.0, np.nan)
+            return Relation(len(rows))
         episode = self.series.episode[rows]
         return relate(x[rows], self.second[other][rows], episode, self.lags)
 

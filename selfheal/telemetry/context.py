@@ -43,10 +43,8 @@ class Context:
     """A recording, its model, and what was found so far.
 
     Attributes:
-        recording: of the robot; checks of `READINGS` may correct it.
-        model: of the robot.
+        recording: checks of `READINGS` may correct it.
         frozen: columns that are, of which no other fault is reported.
-        faults: that were found.
         column_map: how columns are read otherwise, by these faults.
     """
 

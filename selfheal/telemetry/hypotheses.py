@@ -29,11 +29,8 @@ class Hypothesis:
     """One thing that could be wrong with the columns about a joint or two.
 
     Attributes:
-        kind: of the fault.
         column_map: how the columns would be read instead.
         columns: signals, and actuators whose command changes.
-        target: joint or actuator.
-        corrections: of the log's map.
         text: what is wrong, as the end of a sentence.
     """
 

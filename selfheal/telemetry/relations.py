@@ -57,11 +57,11 @@ class Relation:
     """
 
     rows: int
-    lag: int
-    r: float
-    here: float
-    opposite: float
-    ratio: float
+    lag: int = 0
+    r: float = np.nan
+    here: float = np.nan
+    opposite: float = 0.0
+    ratio: float = np.nan
 
     @property
     def is_known(self) -> bool:
@@ -101,27 +101,25 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     """
     both = np.isfinite(x) & np.isfinite(y)
     rows = int(both.sum())
-    unknown = Relation(rows, 0, np.nan, np.nan, 0.0, np.nan)
     if rows < MIN_ROWS:
-        return unknown
+        return Relation(rows)
     x, y = center(x, episode), center(y, episode)
     found, nothing = {}, 1e-9
     for lag in lags:
         if len(x) - abs(lag) < MIN_ROWS:
             continue
-        late = y[lag:] if lag >= 0 else y[:lag]
-        early = x[: len(x) - lag] if lag >= 0 else x[-lag:]
-        a, b = np.nan_to_num(early), np.nan_to_num(late)
-        one = np.isfinite(early) & np.isfinite(late)
-        one &= _same_episode(episode, lag)
+        early = slice(max(-lag, 0), len(x) - max(lag, 0))
+        late = slice(max(lag, 0), len(x) - max(-lag, 0))
+        a, b = x[early], y[late]
+        one = np.isfinite(a) & np.isfinite(b) & (episode[early] == episode[late])
         if one.sum() < max(MIN_ROWS, rows // 2):
             continue
-        a, b = a * one, b * one
+        a, b = np.nan_to_num(a) * one, np.nan_to_num(b) * one
         size = np.sqrt((a @ a) * (b @ b))
         found[lag] = float(a @ b / size) if size > 0 else 0.0
     spread = measure_spread(x), measure_spread(y)
     if not found or min(spread) < nothing:
-        return unknown
+        return Relation(rows)
     lag = max(found, key=lambda k: (abs(found[k]), -abs(k)))
     r = found[lag]
     opposite = max((abs(v) for v in found.values() if v * r < 0), default=0.0)
@@ -150,11 +148,6 @@ def measure_spread(x: Floats) -> float:
     """Standard deviation of what is known of a column (N) [unit]; 0 of nothing."""
     known = x[np.isfinite(x)]
     return float(np.std(known)) if known.size else 0.0
-
-
-def _same_episode(episode: NDArray[np.int_], lag: int) -> NDArray[np.bool_]:
-    n = abs(lag)
-    return np.ones(len(episode), bool) if not n else episode[n:] == episode[:-n]
 
 
 def center(x: Floats, episode: NDArray[np.int_]) -> Floats:

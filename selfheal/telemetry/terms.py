@@ -6,7 +6,6 @@ stand whatever physics a model lacks: each of it is a term with a bounded coeffi
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -53,7 +52,7 @@ class Terms:
         return self.missing + self.x @ coefficients
 
     def fit_others(
-        self, fold: np.ndarray, usable: np.ndarray | bool = True
+        self, fold: np.ndarray, usable: np.ndarray | bool
     ) -> Iterator[tuple[np.ndarray, Floats]]:
         """Whether rows (n) are of a fold, and coefficients (k) of the usable others."""
         for number in np.unique(fold):
@@ -75,7 +74,7 @@ def make_terms(
     coupling = parts["all"] - hold - parts["own"]
     usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
     inf = np.inf
-    terms = [
+    terms = (
         (act, GAIN),
         (parts["late"], DELAY),
         (-hold, GRAVITY),
@@ -85,15 +84,11 @@ def make_terms(
         (-np.tanh(parts["v"] / (DRY_RATE * usual)), (0.0, inf)),
         (-parts["q"], (SPRING[0] * stiffness, SPRING[1] * stiffness)),
         (np.ones_like(act), (-inf, inf)),
-    ]
-    return Terms(
-        dof,
-        parts,
-        act - parts["all"],
-        np.stack([t for t, _ in terms], axis=1),
-        np.array([b for _, b in terms]).T,
-        parts["own"] ** 2 + hold**2 + coupling**2,
     )
+    x = np.stack([t for t, _ in terms], axis=1)
+    size = parts["own"] ** 2 + hold**2 + coupling**2
+    bounds = np.array([b for _, b in terms]).T
+    return Terms(dof, parts, act - parts["all"], x, bounds, size)
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
@@ -113,12 +108,12 @@ def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     if not used.any() or len(x) <= used.sum():
         return np.zeros(x.shape[1])
     scale = size[used]
-    r: Any = np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r")
+    r = np.asarray(np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r"))
     low, high = bounds[0, used] * scale, bounds[1, used] * scale
-    problem = {"A": r[:, :-1], "b": r[:, -1], "bounds": (low, high + 1e-15)}
-    found = lsq_linear(**problem, method="bvls")
+    problem = r[:, :-1], r[:, -1], (low, high + 1e-15)
+    found = lsq_linear(*problem, method="bvls")
     if found.status in (0, 2):  # out of iterations, or at a step that a bound stopped
-        found = lsq_linear(**problem, method="trf")
+        found = lsq_linear(*problem, method="trf")
     out = np.zeros(x.shape[1])
     out[used] = found.x / scale
     return out

@@ -99,7 +99,7 @@ def _balance_without(balance: TorqueBalance) -> tuple[Floats, Floats, np.ndarray
     on = np.empty((len(fold), len(balance.dofs)))
     off, acts = np.empty_like(on), np.empty(on.shape, bool)
     for k, terms in enumerate(balance.terms):
-        for here, x in terms.fit_others(fold):
+        for here, x in terms.fit_others(fold, True):
             left = terms.leave(x)
             given = terms.parts["act"] + terms.x[:, :2] @ x[:2]  # with gain and delay
             on[here, k], off[here, k] = left[here] ** 2, (left - given)[here] ** 2

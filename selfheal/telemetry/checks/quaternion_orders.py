@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...recording.data import Floats
-from ..contacts import list_contacts
+from ..contacts import collide
 from ..context import Context
 from ..fault import ColumnCorrection, Fault, format_columns
 from ..relations import DEPENDENT_ROWS, MIN_ROWS, f_test
@@ -101,8 +101,9 @@ def _compare_depths(context: Context, body: str, turns: Floats) -> Errors | None
     errors = []
     for order in ORDERS:
         column_map = context.column_map | ColumnMap(order={body: order})
-        contacts = list_contacts(model, states.compute(column_map, rows)[0])
-        total = sum(np.min(c.dist, initial=0.0) ** 2 for c in contacts)
+        poses = states.compute(column_map, rows)[0]
+        depths = (np.min(d.contact.dist, initial=0.0) for d in collide(model, poses))
+        total = sum(depth**2 for depth in depths)
         errors.append(float(total) / len(rows) / allowed**2)
     return errors[0], errors[1], len(rows), "depths to which it sinks into others"
 
