@@ -1,6 +1,7 @@
 """`selfheal recording import`: what it prints of a guess and of what was done."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,33 +51,35 @@ def print_import(report: "ImportReport", path: Path) -> None:
     for stream, found in rates.items():
         ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
         print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
+    for line in _list_remarks(report):
+        print_line(line)
+
+
+def _list_remarks(report: "ImportReport") -> Iterator[str]:
+    """What was assumed, corrected and left out."""
     for unit, names in report.assumed.items():
-        print_line(
+        yield (
             f"assumed to be in {unit}, for neither map nor log states a unit: "
             f"{join_names(names)}"
         )
-    for offset in report.offsets:
-        print_line(_describe_offset(offset))
+    yield from map(_describe_offset, report.offsets)
     if report.lag:
         ends = dict.fromkeys(f"{1000 * seconds:.0f}" for seconds in report.lag)
-        print_line(
+        yield (
             f"all positions follow their commands {' to '.join(ends)} ms later: the "
             "drives' delay and lag, or one shift between the two clocks, which this "
             "log cannot tell apart."
         )
     for log, losses in report.losses.items():
-        print_line(f"{log} is damaged: {'; '.join(losses)}; that was left out.")
-    if report.sorted:
-        print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
-    if report.dropped:
-        print_line(
-            f"{report.dropped} rows had no time, or one that another row has; they "
-            "were left out."
-        )
-    if report.before_command:
-        print_line(f"{report.before_command} rows before the first command: left out.")
-    for remark in report.remarks:
-        print_line(f"look: {remark}")
+        yield f"{log} is damaged: {'; '.join(losses)}; that was left out."
+    for count, said in (
+        (report.sorted, "rows stood behind later ones and were sorted in."),
+        (report.dropped, "rows had no time, or one that another row has; left out."),
+        (report.before_command, "rows before the first command: left out."),
+    ):
+        if count:
+            yield f"{count} {said}"
+    yield from (f"look: {remark}" for remark in report.remarks)
 
 
 def _describe_offset(offset: "Offset") -> str:

@@ -8,8 +8,8 @@ import typer
 from typer.models import OptionInfo
 
 AS_JSON = typer.Option("--json", help="One JSON object for scripts.")
-FORCE = typer.Option("--force", help="Overwrite what is at --out.")
-SEED = typer.Option(help="Of everything random.")
+FORCE = typer.Option("--force", help="Overwrite the file at --out.")
+SEED = typer.Option(help="Seed of all random numbers.")
 # pages of the documentation, from the top of the repository
 _DOCS = "docs"
 
@@ -30,7 +30,7 @@ def out_file(name: str) -> OptionInfo:
 
 def resume_from(name: str, what: str) -> OptionInfo:
     """The option for a file to go on with, by its name in help and what it is of."""
-    option: OptionInfo = typer.Option(metavar=name, help=f"Go on with {what}.")
+    option: OptionInfo = typer.Option(metavar=name, help=f"Continue {what}.")
     return option
 
 

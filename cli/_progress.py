@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 ShowProgress = Annotated[
     bool,
-    typer.Option("--progress", help="Say how far it is, on any standard error."),
+    typer.Option("--progress", help="Print progress even without a terminal."),
 ]
 LEFT_OF_LATE = 0.05  # of the time that is over, left at least until the end; chosen
 # what is said of a stage, by the first word of what is being done

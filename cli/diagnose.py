@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 _NO_CHECK = typer.Option(
     metavar="NAME",
-    help="A fault of logs to let pass, as `sign`.",
+    help="Kind of log fault to ignore, `sign` say; once each.",
     autocompletion=complete("telemetry:KINDS"),
 )
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
@@ -53,14 +53,14 @@ def diagnose(
     ],
     recordings: Annotated[
         list[Path],
-        typer.Argument(metavar="RECORDING.h5...", help="What the real robot did."),
+        typer.Argument(metavar="RECORDING.h5...", help="Recordings of the real robot."),
     ],
     out: Annotated[Path | None, out_folder("runs/diagnose-MODEL")] = None,
     held_out: Annotated[
         list[str] | None,
         typer.Option(
             metavar="ID",
-            help="An episode, a piece id[t0,t1], or a file to prove it on; once each.",
+            help="Test data: an episode, a window id[t0,t1] or a file; once each.",
         ),
     ] = None,
     no_check: Annotated[list[str] | None, _NO_CHECK] = None,
@@ -69,13 +69,13 @@ def diagnose(
         bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
     ] = False,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the same run was killed.")
+        bool, typer.Option("--resume", help="Continue a diagnosis that was killed.")
     ] = False,
     findings_only: Annotated[
-        bool, typer.Option("--findings-only", help="Patch nothing that MODEL states.")
+        bool, typer.Option("--findings-only", help="Keep the nominal values of MODEL.")
     ] = False,
     minutes: Annotated[
-        float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
+        float, typer.Option(help="Time limit; Ctrl-C ends it early with an answer.")
     ] = 30.0,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
@@ -212,7 +212,10 @@ def _print_fit(fit: Mapping[str, Any]) -> None:
 def replay(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A diagnosis.")],
     inputs: Annotated[
-        Path, typer.Argument(metavar="INPUTS.h5", help="Commands, start, signals.")
+        Path,
+        typer.Argument(
+            metavar="INPUTS.h5", help="Recording of commands and initial state."
+        ),
     ],
     out: Annotated[Path, out_file("PREDICTED.h5")] = Path("predicted.h5"),
     model: Annotated[
@@ -223,7 +226,7 @@ def replay(
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
-    """Predict what the robot does, by the patched model, open loop."""
+    """Simulate a recording with the patched model, open loop."""
     from selfheal.diagnosis.output.replay import replay_recording
     from selfheal.recording import read, write
 
@@ -293,7 +296,7 @@ def _is_prediction(path: Path) -> bool:
 
 
 def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
-    """List the physics that can be found missing."""
+    """List the effects that a model may lack."""
     from selfheal.diagnosis.effects import load_catalogue
 
     catalogue = load_catalogue().values()

@@ -21,7 +21,7 @@ from ._options import (
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_paragraph, print_table
+from ._print import print_document, print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from selfheal.recovery.record import HealRun
 
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
-_HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
+_HEADING = typer.Option(help="Walking direction in degrees, from forward to the left.")
 _DAMAGE = typer.Option(
     autocompletion=complete("body.damage:KIND_WORDS", "random", end=":"),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
@@ -37,9 +37,9 @@ _DAMAGE = typer.Option(
     "with commas, or random:SEED.",
 )
 _HOURS = typer.Option(
-    help="Instead of a damage: hours that it walks, while random ones happen."
+    help="Instead of --damage: walk so many hours with random damages."
 )
-_GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
+_GAIT = typer.Option(help="Gait parameterization: waves, or poses as in 2006.")
 # seconds of CPU that each phase takes, and the page: measured, of the starfish
 _SECONDS = {
     "gait": 22,
@@ -73,7 +73,7 @@ def gait(
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
-    """Make a gait from a self-model and walk it on the robot."""
+    """Optimize a gait for a self-model and walk it on the robot."""
     from selfheal.api.healing import check_gait_settings, load_identified
     from selfheal.recovery.walk_trial import walk_trial
 
@@ -166,19 +166,19 @@ def watch(
         Path, typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
     ],
     recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING.h5", help="What the robot did.")
+        Path, typer.Argument(metavar="RECORDING.h5", help="Recording of the robot.")
     ],
     learn: Annotated[
         float | None,
-        typer.Option(help="Seconds at the start in which it was whole; a third."),
+        typer.Option(help="Seconds at the start without damage; by default a third."),
     ] = None,
     cycle: Annotated[
         float | None,
-        typer.Option(help="Seconds in which commands repeat; found in them."),
+        typer.Option(help="Period of the commands in seconds; by default estimated."),
     ] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
-    """Say when a recording stopped fitting a body."""
+    """Detect when a recording stops fitting a body."""
     from selfheal.body.mjcf import load
     from selfheal.recording import read
     from selfheal.recovery.monitor import FALSE_ALARMS
@@ -190,15 +190,12 @@ def watch(
     check_file(body)
     found = watch_recording(load(body), read(recording), learn=learn, cycle=cycle)
     if as_json:
-        print_json(
-            {
-                "format": "selfheal-watch",
-                "version": 1,
-                "body": str(body),
-                "recording": str(recording),
-                "false_alarms_per_hour": FALSE_ALARMS,
-                "episodes": found,
-            }
+        print_document(
+            "watch",
+            body=str(body),
+            recording=str(recording),
+            false_alarms_per_hour=FALSE_ALARMS,
+            episodes=found,
         )
         return
     for episode in found:

@@ -18,7 +18,7 @@ from ._options import (
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_table
+from ._print import print_document, print_json, print_line, print_table
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -29,11 +29,15 @@ _METHOD = typer.Option(
     help="default, paper, disagreement, random-batch or random-alternate."
 )
 _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
-_KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
-_BUDGET = typer.Option(help="Most simulations of a search; 262000 by default.")
-_MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
+_KNOWN_LENGTHS = typer.Option(
+    "--known-lengths", help="With --space full: take part lengths as known."
+)
+_BUDGET = typer.Option(help="Number of simulations; 262000 by default.")
+_MOVES = typer.Option(
+    help="Number of motions to identify joint dynamics from; 4 is enough."
+)
 _RANDOM_ACTIONS = typer.Option(
-    "--random-actions", help="Do not choose actions, for comparison."
+    "--random-actions", help="Draw actions at random, for comparison."
 )
 
 
@@ -48,7 +52,10 @@ def identify(
     ] = None,
     recordings: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.h5", help="Readings that the robot answers from."),
+        typer.Option(
+            metavar="FILE.h5",
+            help="Recording that a replayed robot takes its readings from.",
+        ),
     ] = None,
     method: Annotated[str, _METHOD] = "default",
     space: Annotated[str, _SPACE] = "free",
@@ -56,7 +63,7 @@ def identify(
     random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
     cycles: Annotated[
-        int | None, typer.Option(help="Actions to try; 16 by default.")
+        int | None, typer.Option(help="Number of actions; 16 by default.")
     ] = None,
     budget: Annotated[int | None, _BUDGET] = None,
     seed: Annotated[int, SEED] = 0,
@@ -266,10 +273,10 @@ def show(
 
     run = load_run(file)
     if as_json:
-        print_json(
-            run.result
-            or {"format": "selfheal-identify", "version": 1, "cycles": len(run.cycles)}
-        )
+        if run.result:
+            print_json(run.result)
+        else:
+            print_document("identify", cycles=len(run.cycles))
         return
     if not run.cycles:
         raise InputError(
@@ -287,12 +294,12 @@ def show(
 
 
 def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
-    """List the robots that can be asked."""
+    """List the robots that can be identified."""
     from selfheal.robot.open_robot import list_robots as listed
 
-    found: dict[str, Any] = listed()
+    found = listed()
     if as_json:
-        print_json({"format": "selfheal-robots", "version": 1, "robots": found})
+        print_document("robots", robots=found)
         return
     width = max(len(name) for name in found)
     for name, text in found.items():

@@ -16,13 +16,13 @@ from ._runs import refuse_existing
 if TYPE_CHECKING:
     from selfheal.preparation.drives import Gains
 
-app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(help="Prepare models.", no_args_is_help=True, rich_markup_mode=None)
 _EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
 
 
 @app.callback()
 def _model() -> None:
-    """Make models fit."""
+    """Prepare models."""
 
 
 @app.command(epilog=make_epilog(_EXAMPLE, "prepare-a-model.md"))
@@ -54,7 +54,9 @@ def prepare(
     ] = False,
     no_contacts: Annotated[
         bool,
-        typer.Option("--no-contacts", help="Leave out shapes: it touches nothing."),
+        typer.Option(
+            "--no-contacts", help="Leave out geoms: the robot touches nothing."
+        ),
     ] = False,
     passive: Annotated[
         list[str] | None,

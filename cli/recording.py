@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from selfheal.telemetry import Telemetry
 
 app = typer.Typer(
-    help="Look at recordings, make them, hand them on.",
+    help="Check, import and export recordings.",
     epilog=make_epilog("selfheal recording check recording.h5", "recording-format.md"),
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -29,7 +29,7 @@ app = typer.Typer(
 
 @app.callback()
 def _recording() -> None:
-    """Look at recordings, make them, hand them on."""
+    """Check, import and export recordings."""
 
 
 @app.command(
@@ -48,14 +48,14 @@ def check(
         typer.Option(
             "--map",
             metavar="MAP.toml",
-            help="The map it was imported by: say which of its rules to replace.",
+            help="The map it was imported with: print corrected rules.",
         ),
     ] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
-    """Say what a recording holds; refuse one that breaks the contract.
+    """Summarize a recording; refuse one that breaks the format.
 
-    With a model, also say where the two contradict each other as no physics does.
+    With a model, also find faults of the log that no missing physics explains.
     """
     from selfheal.recording import (
         check_against_model,

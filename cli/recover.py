@@ -17,7 +17,7 @@ from ._options import (
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_table
+from ._print import print_document, print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -58,7 +58,7 @@ def recover(
         str, typer.Option(help="ours, as-described or hardware-only.")
     ] = "ours",
     reach: Annotated[
-        float, typer.Option("--range", help="Of the joints, +-30 or +-45 degrees.")
+        float, typer.Option("--range", help="Joint range, +-30 or +-45 degrees.")
     ] = 30.0,
     apart: Annotated[
         bool,
@@ -66,7 +66,7 @@ def recover(
     ] = False,
     gap: Annotated[
         float,
-        typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
+        typer.Option(help="Relative model error of the robot, 0 to 0.5."),
     ] = 0.0,
     seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
@@ -150,8 +150,10 @@ def _finish_runs(paths: list[Path], as_json: bool, progress: bool) -> None:
             done.append((path, run))
     if as_json:
         results = [{**run.result, "run": os.fspath(path)} for path, run in done]
-        batch = {"format": "selfheal-recover-batch", "version": 1, "runs": results}
-        print_json(batch if paths[1:] else results[0])
+        if paths[1:]:
+            print_document("recover-batch", runs=results)
+        else:
+            print_json(results[0])
         return
     _print_results([run for _, run in done])
     for path, _ in done:
