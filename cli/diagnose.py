@@ -46,37 +46,39 @@ _MEANS = (
     "anew."
 )
 
+_MODEL = typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")
+_RECORDINGS = typer.Argument(
+    metavar="RECORDING.h5...", help="Recordings of the real robot."
+)
+_HELD_OUT = typer.Option(
+    metavar="ID",
+    help="Test data: an episode, a window id[t0,t1] or a file; once each.",
+)
+_FORCE = typer.Option("--force", help="Overwrite an earlier diagnosis.")
+_RESUME = typer.Option("--resume", help="Continue a diagnosis that was killed.")
+_FINDINGS_ONLY = typer.Option(
+    "--findings-only", help="Keep the nominal values of MODEL."
+)
+_MINUTES = typer.Option(help="Time limit; Ctrl-C ends it early with an answer.")
+_INPUTS = typer.Argument(
+    metavar="INPUTS.h5", help="Recording of commands and initial state."
+)
+_OTHER_MODEL = typer.Option(
+    metavar="OTHER.xml", help="Apply the findings to this model."
+)
+
 
 def diagnose(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")
-    ],
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORDING.h5...", help="Recordings of the real robot."),
-    ],
+    model: Annotated[Path, _MODEL],
+    recordings: Annotated[list[Path], _RECORDINGS],
     out: Annotated[Path | None, out_folder("runs/diagnose-MODEL")] = None,
-    held_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="Test data: an episode, a window id[t0,t1] or a file; once each.",
-        ),
-    ] = None,
+    held_out: Annotated[list[str] | None, _HELD_OUT] = None,
     no_check: Annotated[list[str] | None, _NO_CHECK] = None,
     seed: Annotated[int, SEED] = 0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
-    ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue a diagnosis that was killed.")
-    ] = False,
-    findings_only: Annotated[
-        bool, typer.Option("--findings-only", help="Keep the nominal values of MODEL.")
-    ] = False,
-    minutes: Annotated[
-        float, typer.Option(help="Time limit; Ctrl-C ends it early with an answer.")
-    ] = 30.0,
+    force: Annotated[bool, _FORCE] = False,
+    resume: Annotated[bool, _RESUME] = False,
+    findings_only: Annotated[bool, _FINDINGS_ONLY] = False,
+    minutes: Annotated[float, _MINUTES] = 30.0,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -211,17 +213,9 @@ def _print_fit(fit: Mapping[str, Any]) -> None:
 
 def replay(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A diagnosis.")],
-    inputs: Annotated[
-        Path,
-        typer.Argument(
-            metavar="INPUTS.h5", help="Recording of commands and initial state."
-        ),
-    ],
+    inputs: Annotated[Path, _INPUTS],
     out: Annotated[Path, out_file("PREDICTED.h5")] = Path("predicted.h5"),
-    model: Annotated[
-        Path | None,
-        typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
-    ] = None,
+    model: Annotated[Path | None, _OTHER_MODEL] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,

@@ -9,16 +9,15 @@ from ._options import AS_JSON, complete, out_folder
 from ._print import print_document, print_line
 from ._runs import choose_run_folder
 
+_NAME = typer.Argument(
+    metavar="NAME",
+    help="pendulum, desk_arm, six_axis or hung_quadruped.",
+    autocompletion=complete("example.make:EXAMPLES"),
+)
+
 
 def example(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME",
-            help="pendulum, desk_arm, six_axis or hung_quadruped.",
-            autocompletion=complete("example.make:EXAMPLES"),
-        ),
-    ],
+    name: Annotated[str, _NAME],
     out: Annotated[Path | None, out_folder("runs/example-NAME")] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:

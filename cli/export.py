@@ -12,25 +12,22 @@ from ._options import AS_JSON, FORCE, complete
 from ._print import print_document, print_line
 from ._runs import refuse_existing
 
+_TO = typer.Option(
+    metavar="FORMAT",
+    help="mcap (Foxglove, PlotJuggler), rrd (Rerun), csv or parquet.",
+    autocompletion=complete("export.export:FORMATS"),
+)
+_DIAGNOSIS = typer.Option(
+    metavar="DIR", help="Also what this diagnosis predicts of it."
+)
+_OUT = typer.Option(metavar="FILE", help="Where it goes; without it FILE.FORMAT.")
+
 
 def export(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording.")],
-    to: Annotated[
-        str,
-        typer.Option(
-            metavar="FORMAT",
-            help="mcap (Foxglove, PlotJuggler), rrd (Rerun), csv or parquet.",
-            autocompletion=complete("export.export:FORMATS"),
-        ),
-    ],
-    diagnosis: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Also what this diagnosis predicts of it."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Where it goes; without it FILE.FORMAT."),
-    ] = None,
+    to: Annotated[str, _TO],
+    diagnosis: Annotated[Path | None, _DIAGNOSIS] = None,
+    out: Annotated[Path | None, _OUT] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:

@@ -64,6 +64,12 @@ _PHASES = {
     "first": "for comparison, walked with its first gait",
 }
 
+_HEALED_RUN = typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'.")
+_BODY = typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
+_RECORDING = typer.Argument(metavar="RECORDING.h5", help="Recording of the robot.")
+_LEARN = typer.Option(help="Seconds at the start without damage; by default a third.")
+_CYCLE = typer.Option(help="Period of the commands in seconds; by default estimated.")
+
 
 def gait(
     run: Annotated[Path, _RUN],
@@ -109,10 +115,7 @@ def gait(
 
 def heal(
     context: typer.Context,
-    run: Annotated[
-        Path | None,
-        typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'."),
-    ] = None,
+    run: Annotated[Path | None, _HEALED_RUN] = None,
     damage: Annotated[str | None, _DAMAGE] = None,
     hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
@@ -162,20 +165,10 @@ def heal(
 
 
 def watch(
-    body: Annotated[
-        Path, typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
-    ],
-    recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING.h5", help="Recording of the robot.")
-    ],
-    learn: Annotated[
-        float | None,
-        typer.Option(help="Seconds at the start without damage; by default a third."),
-    ] = None,
-    cycle: Annotated[
-        float | None,
-        typer.Option(help="Period of the commands in seconds; by default estimated."),
-    ] = None,
+    body: Annotated[Path, _BODY],
+    recording: Annotated[Path, _RECORDING],
+    learn: Annotated[float | None, _LEARN] = None,
+    cycle: Annotated[float | None, _CYCLE] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Detect when a recording stops fitting a body."""

@@ -40,31 +40,27 @@ _RANDOM_ACTIONS = typer.Option(
     "--random-actions", help="Draw actions at random, for comparison."
 )
 
+_ROBOT = typer.Option(
+    help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
+    autocompletion=complete("cli._options:list_robot_names"),
+)
+_RECORDINGS = typer.Option(
+    metavar="FILE.h5",
+    help="Recording that a replayed robot takes its readings from.",
+)
+_CYCLES = typer.Option(help="Number of actions; 16 by default.")
+
 
 def identify(
     context: typer.Context,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
-            autocompletion=complete("cli._options:list_robot_names"),
-        ),
-    ] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.h5",
-            help="Recording that a replayed robot takes its readings from.",
-        ),
-    ] = None,
+    robot: Annotated[str | None, _ROBOT] = None,
+    recordings: Annotated[Path | None, _RECORDINGS] = None,
     method: Annotated[str, _METHOD] = "default",
     space: Annotated[str, _SPACE] = "free",
     known_lengths: Annotated[bool, _KNOWN_LENGTHS] = False,
     random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
-    cycles: Annotated[
-        int | None, typer.Option(help="Number of actions; 16 by default.")
-    ] = None,
+    cycles: Annotated[int | None, _CYCLES] = None,
     budget: Annotated[int | None, _BUDGET] = None,
     seed: Annotated[int, SEED] = 0,
     moves: Annotated[int, _MOVES] = 0,

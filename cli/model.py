@@ -19,6 +19,23 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Prepare models.", no_args_is_help=True, rich_markup_mode=None)
 _EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
 
+_MODEL = typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
+_KP = typer.Option(
+    metavar="[JOINT=]VALUE",
+    help="Stiffness of position servos [N m/rad; N/m], which also take the "
+    "places of torque motors; --kp 60 --kp wrist=10.",
+)
+_KV = typer.Option(
+    metavar="[JOINT=]VALUE",
+    help="Their damping [N m s/rad; N s/m]; without: the critical one.",
+)
+_MOTORS = typer.Option("--motors", help="Torque motors: commands are in N m or N.")
+_WELD_BASE = typer.Option("--weld-base", help="Fix a base that has a free joint.")
+_NO_CONTACTS = typer.Option(
+    "--no-contacts", help="Leave out geoms: the robot touches nothing."
+)
+_PASSIVE = typer.Option(metavar="JOINT", help="A joint that gets no drive; once each.")
+
 
 @app.callback()
 def _model() -> None:
@@ -27,41 +44,14 @@ def _model() -> None:
 
 @app.command(epilog=make_epilog(_EXAMPLE, "prepare-a-model.md"))
 def prepare(
-    model: Annotated[
-        Path, typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
-    ],
+    model: Annotated[Path, _MODEL],
     out: Annotated[Path, out_file("MODEL.xml")] = Path("prepared.xml"),
-    kp: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[JOINT=]VALUE",
-            help="Stiffness of position servos [N m/rad; N/m], which also take the "
-            "places of torque motors; --kp 60 --kp wrist=10.",
-        ),
-    ] = None,
-    kv: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[JOINT=]VALUE",
-            help="Their damping [N m s/rad; N s/m]; without: the critical one.",
-        ),
-    ] = None,
-    motors: Annotated[
-        bool, typer.Option("--motors", help="Torque motors: commands are in N m or N.")
-    ] = False,
-    weld_base: Annotated[
-        bool, typer.Option("--weld-base", help="Fix a base that has a free joint.")
-    ] = False,
-    no_contacts: Annotated[
-        bool,
-        typer.Option(
-            "--no-contacts", help="Leave out geoms: the robot touches nothing."
-        ),
-    ] = False,
-    passive: Annotated[
-        list[str] | None,
-        typer.Option(metavar="JOINT", help="A joint that gets no drive; once each."),
-    ] = None,
+    kp: Annotated[list[str] | None, _KP] = None,
+    kv: Annotated[list[str] | None, _KV] = None,
+    motors: Annotated[bool, _MOTORS] = False,
+    weld_base: Annotated[bool, _WELD_BASE] = False,
+    no_contacts: Annotated[bool, _NO_CONTACTS] = False,
+    passive: Annotated[list[str] | None, _PASSIVE] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:

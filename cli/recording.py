@@ -26,6 +26,28 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+_CHECK_MODEL = typer.Option(metavar="MODEL.xml", help="Also compare it with this MJCF.")
+_CHECK_MAP = typer.Option(
+    "--map",
+    metavar="MAP.toml",
+    help="The map it was imported with: print corrected rules.",
+)
+_LOGS = typer.Argument(metavar="LOG...", help="Files or folders of one robot.")
+_MODEL = typer.Option(metavar="MODEL.xml", help="The robot's MJCF or URDF.")
+_MAP_FILE = typer.Option(
+    "--map", metavar="MAP.toml", help="Which columns are which signals."
+)
+_GUESS = typer.Option("--guess", help="Propose a map, and import nothing.")
+_PRESET = typer.Option(
+    metavar="NAME",
+    help="With --guess: lerobot-so101, legged_gym or ros2_control, whose logs "
+    "have known columns.",
+)
+_OUT = typer.Option(
+    metavar="FILE",
+    help="Where the recording goes; with --guess the map, without it map.toml.",
+)
+
 
 @app.callback()
 def _recording() -> None:
@@ -39,18 +61,8 @@ def _recording() -> None:
 )
 def check(
     file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="A recording.")],
-    model: Annotated[
-        Path | None,
-        typer.Option(metavar="MODEL.xml", help="Also compare it with this MJCF."),
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map",
-            metavar="MAP.toml",
-            help="The map it was imported with: print corrected rules.",
-        ),
-    ] = None,
+    model: Annotated[Path | None, _CHECK_MODEL] = None,
+    map_file: Annotated[Path | None, _CHECK_MAP] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
     """Summarize a recording; refuse one that breaks the format.
@@ -92,37 +104,12 @@ def check(
     ),
 )
 def import_log(
-    logs: Annotated[
-        list[Path],
-        typer.Argument(metavar="LOG...", help="Files or folders of one robot."),
-    ],
-    model: Annotated[
-        Path, typer.Option(metavar="MODEL.xml", help="The robot's MJCF or URDF.")
-    ],
-    map_file: Annotated[
-        Path | None,
-        typer.Option(
-            "--map", metavar="MAP.toml", help="Which columns are which signals."
-        ),
-    ] = None,
-    guess: Annotated[
-        bool, typer.Option("--guess", help="Propose a map, and import nothing.")
-    ] = False,
-    preset: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="With --guess: lerobot-so101, legged_gym or ros2_control, whose logs "
-            "have known columns.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Where the recording goes; with --guess the map, without it map.toml.",
-        ),
-    ] = None,
+    logs: Annotated[list[Path], _LOGS],
+    model: Annotated[Path, _MODEL],
+    map_file: Annotated[Path | None, _MAP_FILE] = None,
+    guess: Annotated[bool, _GUESS] = False,
+    preset: Annotated[str | None, _PRESET] = None,
+    out: Annotated[Path | None, _OUT] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,

@@ -49,25 +49,20 @@ _SCENARIO = typer.Option(
     "sensor, 13 a slope, 14 slippery ground, 15 wind.",
 )
 
+_METHOD = typer.Option(help="ours, as-described or hardware-only.")
+_REACH = typer.Option("--range", help="Joint range, +-30 or +-45 degrees.")
+_APART = typer.Option("--apart", help="Count a hexapod's hip as two joints, not one.")
+_GAP = typer.Option(help="Relative model error of the robot, 0 to 0.5.")
+
 
 def recover(
     context: typer.Context,
     robot: Annotated[str | None, _ROBOT] = None,
     scenario: Annotated[str, _SCENARIO] = "all",
-    method: Annotated[
-        str, typer.Option(help="ours, as-described or hardware-only.")
-    ] = "ours",
-    reach: Annotated[
-        float, typer.Option("--range", help="Joint range, +-30 or +-45 degrees.")
-    ] = 30.0,
-    apart: Annotated[
-        bool,
-        typer.Option("--apart", help="Count a hexapod's hip as two joints, not one."),
-    ] = False,
-    gap: Annotated[
-        float,
-        typer.Option(help="Relative model error of the robot, 0 to 0.5."),
-    ] = 0.0,
+    method: Annotated[str, _METHOD] = "ours",
+    reach: Annotated[float, _REACH] = 30.0,
+    apart: Annotated[bool, _APART] = False,
+    gap: Annotated[float, _GAP] = 0.0,
     seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[

@@ -41,32 +41,28 @@ app = typer.Typer(
     help="Repeat a table of the papers, or diagnose a fleet, on many cores.",
 )
 
+_RUN_COUNT = typer.Option(help="Number of runs in each row.")
+_SEED = typer.Option(help="First seed; the others follow one by one.")
+_WORKERS = typer.Option(
+    help="Number of processes or cluster jobs; by default all cores."
+)
+_SCHEDULER = typer.Option(metavar="ADDRESS", help="A Dask cluster, tcp://HOST:8786.")
+_CLUSTER = typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
+_ONLY = typer.Option(metavar="failed", help="With --resume: failed runs again.")
+
 
 def _run_study(
     context: typer.Context,
     folder: Annotated[Path | None, _ROBOTS] = None,
-    runs: Annotated[
-        int | None, typer.Option(help="Number of runs in each row.")
-    ] = None,
-    seed: Annotated[
-        int, typer.Option(help="First seed; the others follow one by one.")
-    ] = 0,
+    runs: Annotated[int | None, _RUN_COUNT] = None,
+    seed: Annotated[int, _SEED] = 0,
     recordings: Annotated[Path | None, _RECORDINGS] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Number of processes or cluster jobs; by default all cores."),
-    ] = None,
-    scheduler: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="A Dask cluster, tcp://HOST:8786.")
-    ] = "",
-    cluster: Annotated[
-        str, typer.Option(metavar="KIND", help="slurm, pbs, sge or lsf.")
-    ] = "",
+    workers: Annotated[int | None, _WORKERS] = None,
+    scheduler: Annotated[str, _SCHEDULER] = "",
+    cluster: Annotated[str, _CLUSTER] = "",
     out: Annotated[Path | None, out_folder("runs/study-NAME")] = None,
     resume: Annotated[Path | None, resume_from("STUDY.h5", "a study")] = None,
-    only: Annotated[
-        str, typer.Option(metavar="failed", help="With --resume: failed runs again.")
-    ] = "",
+    only: Annotated[str, _ONLY] = "",
     force: Annotated[bool, start_over("a study")] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
