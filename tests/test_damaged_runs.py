@@ -100,38 +100,37 @@ MISFITS: list[tuple[str, object, str]] = [
 ]
 
 
+@pytest.fixture
+def run_file(identified, tmp_path) -> Path:
+    """A copy of that run, to damage."""
+    (tmp_path / "run.h5").write_bytes(identified.read_bytes())
+    return tmp_path / "run.h5"
+
+
 @pytest.mark.parametrize("member, value, said", MISFITS)
-def test_the_error_says_what_would_fit(member, value, said, identified, tmp_path):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    replace_member(path, member, value)
-    with pytest.raises(RunFileError, match=f"run.h5: a damaged run file: .*{said}"):
-        load_run(path)
+def test_the_error_says_what_would_fit(member, value, said, run_file):
+    replace_member(run_file, member, value)
+    with pytest.raises(RunFileError, match=rf"run.h5: a damaged run file: .*{said}"):
+        load_run(run_file)
 
 
 @pytest.mark.parametrize(
     "column, parent, said",
     [(0, 1, "hangs on itself"), (3, 5, "is 5 somewhere"), (2, -1, "is -1 somewhere")],
 )
-def test_a_part_hangs_on_the_torso_in_the_end(
-    column, parent, said, identified, tmp_path
-):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    with h5py.File(path, "r+") as file:
+def test_a_part_hangs_on_the_torso_in_the_end(column, parent, said, run_file):
+    with h5py.File(run_file, "r+") as file:
         file["cycles/000/genomes/parent"][0, column] = parent
     with pytest.raises(RunFileError, match=said):
-        load_run(path)
+        load_run(run_file)
 
 
-def test_a_size_is_refused_before_any_of_it_is_read(identified, tmp_path):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    with h5py.File(path, "r+") as file:
+def test_a_size_is_refused_before_any_of_it_is_read(run_file):
+    with h5py.File(run_file, "r+") as file:
         del file["cycles/000/tables"]
         file.create_dataset("cycles/000/tables", (2**36, 6, 3), "f8")
     with pytest.raises(RunFileError, match="at most 200,000,000 values in the file"):
-        load_run(path)
+        load_run(run_file)
 
 
 def test_a_run_whose_sensors_gave_nothing_is_shown(identified):
