@@ -52,7 +52,7 @@ def complete(place: str, *more: str, end: str = "") -> Callable[[str], list[str]
 
     Args:
         place: of the words, or of a function that lists them, in this package:
-            "module:NAME"; it is loaded when a shell asks.
+            "module:NAME"; loaded when a shell completes.
         more: words that would fit, too.
         end: of every word.
     """

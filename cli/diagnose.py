@@ -41,8 +41,8 @@ _PREDICTED = "selfheal replay"  # the source of what a replay writes
 _MEANS = (
     "Root mean square errors on held-out recordings, replayed in segments of that "
     "length; normalized, 1 is as far off as a constant. given: the model as it is; "
-    "refit: what it states, fitted anew; patched: with the findings; floor: what noise "
-    "alone leaves. Error without a finding: how many times as large, all else fitted "
+    "refit: its nominal values, fitted anew; patched: with the findings; floor: what "
+    "noise alone leaves. Error without a finding: how many times as large, all else fitted "
     "anew."
 )
 
@@ -162,7 +162,7 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
 
 
 def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
-    """A row a finding, and how to tell it from its equals."""
+    """A row a finding, and how to separate it from its equals."""
     if not findings:
         return
     from selfheal.report.tables import (
@@ -187,7 +187,7 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
         if rivals := found.get("equivalent"):
             how = found.get("separate_by")
             print_text(
-                f"{found['effect']} at {found['target']} cannot be told from "
+                f"{found['effect']} at {found['target']} cannot be distinguished from "
                 f"{join_names(rivals)} by these recordings"
                 + (f"; to separate them: {how}" if how else "")
             )

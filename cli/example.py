@@ -43,7 +43,7 @@ def example(
         f"{made.recording}: the log as selfheal reads it, made by",
         f"  selfheal recording import {made.log} --model {made.model} "
         f"--map {made.map_file} --out {made.recording}",
-        "The robot has a physics that the model lacks. To find it:",
+        "The model lacks one effect of the robot. To identify it:",
         f"  selfheal diagnose {made.model} {made.recording} --out {out / 'diagnosis'}",
     ):
         print_line(line)

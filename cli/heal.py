@@ -290,8 +290,8 @@ def _print_heal(run: "HealRun") -> None:
         "healed": "broken, new gait",
         "best_known": "broken, a gait made knowing the damage",
     }
-    ways = {name: result["distance"][key] for key, name in names.items()}
-    rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in ways.items()]
+    went = {name: result["distance"][key] for key, name in names.items()}
+    rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in went.items()]
     print_table(("robot", "walks in 10 s"), rows)
     print_line(
         f"{result['actions']} actions to find what happened, "

@@ -124,7 +124,7 @@ _SETUP_SHARE, _COMPILED_SHARE, _SEARCH_SHARE = 0.12, 0.25, 0.92
 # Of a search's time a share x of its simulations takes x to this power: early cycles
 # simulate few at once. Measured in the same, to a tenth
 _EXPONENT = 0.65
-_LEAST = 0.02  # of the simulations, before which that tells nothing; chosen
+_LEAST = 0.02  # of the simulations, before which that is not known; chosen
 
 
 class _CycleProgress:

@@ -132,7 +132,7 @@ def import_log(
 def _propose_map(
     logs: list[Path], model: Path, preset: str | None, out: Path, *, as_json: bool
 ) -> None:
-    """Write a map that fits the first of logs, as far as can be told."""
+    """Write a map that fits the first of logs, as far as it can be guessed."""
     from selfheal.logs.guessing.guess import guess_map
     from selfheal.logs.guessing.map_text import format_map
     from selfheal.logs.guessing.presets import read_preset

@@ -227,11 +227,11 @@ def _print_results(runs: Sequence["RecoverRun"]) -> None:
     words = {True: "yes", False: "no", None: ""}
     for run in runs:
         d = run.result["distance"]
-        ways = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
+        distances = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
         spent = str(run.result["actions"])
         name = f"scenario {run.settings.scenario}"
         named = "unlisted" if run.unlisted else words[is_damage_named(run)]
-        rows.append((name, *ways, named, spent))
+        rows.append((name, *distances, named, spent))
     print_table(head, rows, title="; ".join(said))
 
 

@@ -238,7 +238,7 @@ class TorqueBalance(Explainer):
         return data.qfrc_actuator.copy()
 
     def find_limit(self, dof: int) -> float:
-        """Largest torque of a joint's actuators [N m or N]; inf: none is stated."""
+        """Largest torque of a joint's actuators [N m or N]; inf: unlimited."""
         joint, total = int(self.model.dof_jntid[dof]), 0.0
         for a in range(self.model.nactuator):
             if find_joint(self.model, a) == joint:

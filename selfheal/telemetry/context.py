@@ -1,6 +1,6 @@
 """What checks know of a log: a recording and its model in, what follows from them out.
 
-Each is computed once, when the first check asks for it.
+Each is computed once, when a check first needs it.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence

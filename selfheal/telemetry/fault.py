@@ -56,7 +56,7 @@ class ColumnCorrection:
 
 @dataclass(frozen=True)
 class ModelCorrection:
-    """An element of the MJCF as it should be: attributes that it lacks stay.
+    """An element of the MJCF as it should be: attributes that are not in it stay.
 
     Attributes:
         xml: of the element; one without a name is to be added.
@@ -76,7 +76,7 @@ Correction = ColumnCorrection | ModelCorrection | str  # a str says what to do
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a log, or of a range that the model states.
+    """One fault of a log, or of a nominal range of the model.
 
     Attributes:
         kind: a name of `KINDS`.

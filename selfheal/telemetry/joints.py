@@ -43,7 +43,6 @@ class JointColumns:
     """A hinge or slide, and the columns about it.
 
     Attributes:
-        name: of the joint.
         number: in the model.
         position, velocity: names of their signals; "" where there is none.
         servo: what its position is commanded to; None where nothing commands that.

@@ -1,4 +1,4 @@
-"""The checks of a log: what each is called, which faults it finds, when it is asked."""
+"""The checks of a log: their names, the faults that they find, their order."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -20,7 +20,7 @@ FAR_BETTER = 0.25
 # ratio of two columns beyond which one has another unit; chosen: diagnose grants a
 # gain of 0.3 to 3
 UNIT_RATIO = 3.5
-# names of ratios: what was written over what the contract asks; exact by definition
+# names of ratios: what was written over what the format has; exact by definition
 UNITS = {
     "degrees": 180 / np.pi,
     "revolutions": 1 / (2 * np.pi),

@@ -109,11 +109,6 @@ class Explainer(ABC):
 
 
 def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:
-    """Mean (count) of values (n) in each of so many blocks; 0 where it has none.
-
-    Args:
-        values: (n).
-        block: (n) number of each one's block.
-    """
+    """Mean (count) of values (n) in each of so many blocks (n); 0 where it has none."""
     rows = np.maximum(np.bincount(block, minlength=count), 1)
     return np.bincount(block, values, minlength=count) / rows

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..recording.data import Floats
 
-# bounds of what missing physics may do, as shares of what the model states; chosen so
+# bounds of what missing physics may do, as shares of the model's values; chosen so
 # that it stays physics: gains, masses and gravity keep their sign, friction dissipates
 GAIN = (-0.7, 1.5)  # of an actuator
 DELAY = (-0.02, 0.12)  # [s] of a command
@@ -27,7 +27,6 @@ class Terms:
     """The torques of a degree of freedom as a sum with bounded coefficients.
 
     Attributes:
-        dof: its number in the model.
         parts: (n) its torques, as `TorqueBalance.compute_torques` has them [N m or N].
         missing: (n) torque of the actuators without that of the motion [N m or N].
         x: (n, k) terms of missing physics; the first two are gain and delay of the
@@ -94,10 +93,7 @@ def make_terms(
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     """Coefficients (k) by which a bounded sum of terms is nearest to values.
 
-    Args:
-        x: (n, k) terms.
-        y: (n) values.
-        bounds: (2, k) least and largest coefficients.
+    Terms (n, k), values (n), least and largest coefficients (2, k).
     """
     from scipy.optimize import lsq_linear
 

@@ -63,7 +63,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
         "coulomb_friction",
         "joint:knee",
         "0.14 N m",
-        "cannot be told from stribeck_friction by these",
+        "cannot be distinguished from stribeck_friction by these",
         "1.9 deg as given, 0.31 deg patched (noise 0.10 deg)",
         "4.56 times",
         "to separate them: move the joint by hand",

@@ -166,7 +166,7 @@ def test_a_run_file_of_any_names_is_shown(tmp_path):
     anatomy = replace(run.anatomy, parts=names, joints=names)
     settings = replace(run.settings, robot=NAMES["bidi"], recordings=NAMES["color"])
     save_run(replace(run, anatomy=anatomy, settings=settings), tmp_path / "run.h5")
-    out, err, code = _run("show", tmp_path / "run.h5")
+    _, err, code = _run("show", tmp_path / "run.h5")
     assert (err, code) == ("", 0)
     page = (tmp_path / "report.html").read_text()
     assert not find_raw(page) and r"\u202egnp.exe" in page

@@ -46,7 +46,6 @@ class _Columns:
     """What is read and commanded of joints of one unit.
 
     Attributes:
-        joints: that are read.
         read: (n) positions of each, of all episodes [rad or m].
         command: (n) to what each is commanded, where a servo is.
         time: (n) [s] in which the episodes follow each other.

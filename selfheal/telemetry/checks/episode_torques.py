@@ -1,6 +1,6 @@
 """Episodes that do not fit the others: takes what explains the motion, finds the worst.
 
-Whatever physics a model lacks, it lacks in all episodes. What is fitted to the others
+Physics that a model lacks is missing in all episodes. What is fitted to the others
 has to balance the torques of each. A sign, a zero or a load of one episode alone does
 not, nor does an end in which no actuator gives a torque.
 """

@@ -176,7 +176,7 @@ def _measure_repeats(context: Context) -> dict[str, float | None]:
     for episode, name, _, values in _list_live(context):
         kinds[name] = context.recording.episodes[episode].signals[name].kind
         same = np.diff(values) == 0
-        # the longest run is what is asked about, and does not answer for itself
+        # the longest run is what is tested, and counts for no probability
         longest = max(r.length for r in _list_runs(values)) - 1
         add = np.array([max(same.sum() - longest, 0), same.size - longest], float)
         counts[name] = counts.get(name, np.zeros(2)) + add

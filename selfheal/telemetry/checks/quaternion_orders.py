@@ -1,4 +1,4 @@
-"""Wrong orders of quaternions: x y z w, where the contract asks for w x y z."""
+"""Wrong orders of quaternions: x y z w, where the format has w x y z."""
 
 from collections.abc import Iterator
 
