@@ -42,8 +42,8 @@ _MEANS = (
     "Root mean square errors on held-out recordings, replayed in segments of that "
     "length; normalized, 1 is as far off as a constant. given: the model as it is; "
     "refit: its nominal values, fitted anew; patched: with the findings; floor: what "
-    "noise alone leaves. Error without a finding: how many times as large, all else fitted "
-    "anew."
+    "noise alone leaves. Error without a finding: how many times as large, all else "
+    "fitted anew."
 )
 
 _MODEL = typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")

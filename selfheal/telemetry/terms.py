@@ -91,10 +91,7 @@ def make_terms(
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
-    """Coefficients (k) by which a bounded sum of terms is nearest to values.
-
-    Terms (n, k), values (n), least and largest coefficients (2, k).
-    """
+    """Coefficients (k) in bounds (2, k) whose sum of terms (n, k) fits values (n)."""
     from scipy.optimize import lsq_linear
 
     if not len(x):

@@ -193,7 +193,7 @@ def test_what_is_imported_is_replayed(home):
     ):
         run_well(*command.split())
     write_empty_diagnosis(home / "found", home / "robot.xml")
-    run_well(*"replay found recording.h5 --out predicted.h5".split())
+    run_well("replay", "found", "recording.h5", "--out", "predicted.h5")
     played, given = (read(f) for f in ("predicted.h5", "recording.h5"))
     angles = [
         r.episodes["000"].signals["hinge_position"].values for r in (played, given)
