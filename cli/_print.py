@@ -9,7 +9,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from selfheal.printable import make_printable
 
@@ -22,9 +22,14 @@ if TYPE_CHECKING:
 Cell = str | Sequence[str]
 
 
-def print_json(result: Mapping[str, Any]) -> None:
+def print_json(result: Mapping[str, object]) -> None:
     """Print one JSON object, and refuse what JSON has no word for (NaN)."""
     print(json.dumps(result, allow_nan=False), flush=True)
+
+
+def print_document(name: str, /, **members: object) -> None:
+    """Print the JSON object of a command, under the format of that name."""
+    print_json({"format": f"selfheal-{name}", "version": 1, **members})
 
 
 def print_line(line: str) -> None:
@@ -43,22 +48,21 @@ def print_paragraph(text: str, indent: str = "") -> None:
     Args:
         indent: before every line but the first.
     """
-    lines = textwrap.wrap(
-        text, shutil.get_terminal_size().columns - 1, subsequent_indent=indent,
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
-    for line in lines:
+    width = shutil.get_terminal_size().columns - 1
+    wrap = textwrap.TextWrapper(width, subsequent_indent=indent)
+    wrap.break_long_words = wrap.break_on_hyphens = False
+    for line in wrap.wrap(text):
         print_line(line)
 
 
-def print_text(text: str, style: str = "", *, is_wrapped: bool = True) -> None:
-    """Print a text.
+def print_text(text: str, style: str = "") -> None:
+    """Print a text in lines as wide as the terminal, in a style of rich."""
+    _make_console().print(_make_text(text, style))
 
-    Args:
-        style: of rich, "bold" say.
-        is_wrapped: whether it is broken into lines as wide as the terminal.
-    """
-    _make_console().print(_make_text(text, style), soft_wrap=not is_wrapped)
+
+def print_long_line(text: str, style: str = "") -> None:
+    """Print a line in a style of rich, which only the terminal breaks."""
+    _make_console().print(_make_text(text, style), soft_wrap=True)
 
 
 def print_table(

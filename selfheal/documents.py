@@ -18,10 +18,10 @@ Stated = TypeVar("Stated")
 
 
 def read_toml(path: str | os.PathLike[str], kind: type[Stated]) -> Stated:
-    """What a file states, as a dataclass that pydantic checks.
+    """The content of a file, as a dataclass that pydantic checks.
 
     Raises:
-        InputError: it is missing, no TOML, or states something that is not known.
+        InputError: it is missing, no TOML, or has something that is not known.
     """
     check_file(path)
     name = os.fspath(path)
@@ -35,13 +35,13 @@ def read_toml(path: str | os.PathLike[str], kind: type[Stated]) -> Stated:
 
 
 def check_document(document: object, kind: type[Stated], name: str) -> Stated:
-    """What a document states.
+    """The content of a document.
 
     Args:
         document: what `tomllib` makes of a file.
 
     Raises:
-        InputError: it states something that is not known.
+        InputError: it has something that is not known.
     """
     # as JSON: a strict dataclass takes a document from no other form
     text = json.dumps(document, default=str)

@@ -50,8 +50,13 @@ def explain_dangerous(path: str | os.PathLike[str], reader: str, library: str) -
 def _explain_version(reader: str, library: str, path: str, _: int, size: int) -> str:
     """What becomes of reading a file that was last modified at a time; read once."""
     seconds, memory = MAX_SECONDS + size / MIN_SPEED, MAX_MEMORY + MAX_EXPANSION * size
-    request = {"library": library, "reader": reader, "path": path, "seconds": seconds,
-               "memory": memory}  # fmt: skip
+    request = {
+        "library": library,
+        "reader": reader,
+        "path": path,
+        "seconds": seconds,
+        "memory": memory,
+    }
     with _lock:
         outcome = _ask_server(request)
     if not outcome:
@@ -93,13 +98,17 @@ def _start_server(_: int) -> subprocess.Popen[str]:
     code = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as m; m.serve()"
     pipe = subprocess.PIPE
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", code], stdin=pipe, stdout=pipe,
-        stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+        [sys.executable, "-P", "-c", code],
+        stdin=pipe,
+        stdout=pipe,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
         cwd=BARE_FOLDER,
         # the second one is macOS's: forks of what has loaded its libraries may run on
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1",
-                          "OBJC_DISABLE_INITIALIZE_FORK_SAFETY": "YES"},
-    )  # fmt: skip
+        env=os.environ
+        | {"OPENBLAS_NUM_THREADS": "1", "OBJC_DISABLE_INITIALIZE_FORK_SAFETY": "YES"},
+    )
     atexit.register(_stop_server, process, os.getpid())
     return process
 

@@ -49,7 +49,7 @@ def refuse_xacro(path: str | os.PathLike[str]) -> None:
 
 
 def explain_mesh(reason: str) -> str:
-    """What would mend a mesh for which MuJoCo refuses a model; "" of other reasons."""
+    """How to correct a mesh for which MuJoCo refuses a model; "" of other reasons."""
     if "package:/" in reason:
         return (
             ", which contact or inertia needs; would fit: the package's folder "

@@ -37,8 +37,8 @@ class IdentifyOptions(TypedDict, total=False):
         cycles: number of actions to try; None takes 16, or all where there are fewer.
         budget: number of simulations of the search; None takes the method's own.
         seed: of everything random, 0 by default.
-        moves: number of moves over time that tell the dynamics of the joints of the
-            body that was found, 0 by default; they need `out`.
+        moves: number of motions from which the dynamics of the joints of the best body
+            are identified, 0 by default; they need `out`.
     """
 
     recordings: PathLike | None
@@ -64,7 +64,7 @@ def identify(
     on_stage: Callable[[str, float], None] | None = None,
     **options: Unpack[IdentifyOptions],
 ) -> "Run":
-    """Find out what a robot's body is, by actions that tell its rivals apart.
+    """Find out what a robot's body is, by actions on which candidates disagree.
 
     Args:
         robot: its name, as `selfheal robots` lists it, or the robot itself. With
@@ -80,7 +80,7 @@ def identify(
 
     Returns:
         The finished run. `run.result` has what `selfheal identify --json` prints:
-        parents, lengths [m] and stated probabilities of the attachments.
+        parents, lengths [m] and probabilities of the attachments.
 
     Raises:
         InputError: a setting makes no sense, or `out` holds a run already.
@@ -92,8 +92,8 @@ def identify(
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
 
-    tell = on_stage or (lambda what, share: None)
-    callbacks = progress or (lambda count: None), on_step or (lambda run: None), tell
+    stage = on_stage or (lambda what, share: None)
+    callbacks = progress or (lambda count: None), on_step or (lambda run: None), stage
     if resume is not None:
         with lock_file(resume):
             return _finish_run(load_run(resume), robot, Path(resume), *callbacks)

@@ -92,7 +92,7 @@ def recover(
 def make_recover_settings(
     robot: str, scenario: int, **options: Unpack[RecoverOptions]
 ) -> "RecoverSettings":
-    """What a recovery is asked to do, checked.
+    """The checked settings of a recovery.
 
     Args:
         robot: "quadruped" or "hexapod".

@@ -1,9 +1,13 @@
-"""The checks of a log: what each is called, which faults it finds, when it is asked."""
+"""The checks of a log: their names, the faults that they find, their order."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .context import Context
+    from .fault import Fault
 
 
 @dataclass(frozen=True)
@@ -18,10 +22,9 @@ class Check:
     name: str
     kinds: Mapping[str, bool]
 
-    def find(self, context: Any) -> list[Any]:
-        """The faults of a `Context`, as `Fault`; what is known of it may change."""
-        module = import_module(f"{__package__}.checks.{self.name}")
-        return list(module.find(context))
+    def find(self, context: "Context") -> "list[Fault]":
+        """The faults of a log; what its context knows may change."""
+        return [*import_module(f"{__package__}.checks.{self.name}").find(context)]
 
 
 COLUMNS = {"sign": True, "unit": True, "exchange": True}
@@ -36,9 +39,11 @@ READINGS = (
 # of the model: where one finds that physics is meaningless, no forces are looked at
 SETUP = (
     Check("clock_drift", {"clock_drift": False}),
-    Check("model_setup",
-          {"free_base": True, "actuator_type": True, "permanent_contact": False}),
-)  # fmt: skip
+    Check(
+        "model_setup",
+        {"free_base": True, "actuator_type": True, "permanent_contact": False},
+    ),
+)
 # of single episodes; the first that finds one decides
 EPISODES = (
     Check("episode_columns", {"odd_episode": False}),
