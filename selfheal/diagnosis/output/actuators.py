@@ -10,7 +10,7 @@ import numpy as np
 
 from ...recording import find_joint, find_output
 from ...recording.actuator_laws import find_goal, find_speed_goal, has_affine_force
-from ..effects.limits import stated_limit
+from ..effects.limits import find_nominal_limit
 
 if TYPE_CHECKING:
     import mujoco
@@ -139,7 +139,7 @@ def _find_effort_limit(
 ) -> float | None:
     """The largest effort at a joint; None where nothing limits it."""
     if drive is not None:
-        limit = stated_limit(model, drive)
+        limit = find_nominal_limit(model, drive)
     elif model.jnt_actfrclimited[j]:
         limit = float(np.abs(model.jnt_actfrcrange[j]).max())
     else:
