@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
 _HEADING = typer.Option(help="Walking direction in degrees, from forward to the left.")
 _DAMAGE = typer.Option(
-    autocompletion=complete("body.damage:KIND_WORDS", "random", end=":"),
+    autocompletion=complete("damage.words:WORDS", "random", end=":"),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
     "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several "
     "with commas, or random:SEED.",

@@ -23,7 +23,7 @@ from .commands import (
     filter_column,
     limit_rate_of_column,
 )
-from .declaration import SELDOM, USUAL, Parameters, ParameterSpec, Starts
+from .declaration import SELDOM, USUAL, ParameterSpec, Proposal
 from .places import ActuatorPlace, Place
 from .protocols import CommandFilter, JointForce, ModelEdit, StepState, TextForm
 
@@ -49,15 +49,12 @@ class CommandDelay(
     log_odds = USUAL
     is_shared = True
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
+        if not robot.model.actuator_ctrlnum[actuator.id]:
+            return None
         least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
-        return (self.bound("delay", low=0.0, high=0.3, scale=0.01, resolution=least),)
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        return ((0.005,), (0.02,), (0.06,))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
-        return robot.model.actuator_ctrlnum[actuator.id] > 0
+        delay = self.bound("delay", (0.0, 0.3), scale=0.01, resolution=least)
+        return Proposal((delay,), ((0.005,), (0.02,), (0.06,)))
 
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
@@ -103,18 +100,13 @@ class ActuatorLag(
     parameters = (ParameterSpec("timeconst", "s", nominal=0.0, nonnegative=True),)
     is_shared = True
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        least = STALE_STEPS * robot.timestep
-        return (
-            self.bound("timeconst", low=0.0, high=1.0, scale=0.02, resolution=least),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        return ((0.01,), (0.05,), (0.2,))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
         model, a = robot.model, actuator.id
-        return model.actuator_dyntype[a] == 0 and has_affine_force(model, a)
+        if model.actuator_dyntype[a] or not has_affine_force(model, a):
+            return None
+        least = STALE_STEPS * robot.timestep
+        p = self.bound("timeconst", (0.0, 1.0), scale=0.02, resolution=least)
+        return Proposal((p,), ((0.01,), (0.05,), (0.2,)))
 
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
@@ -149,20 +141,15 @@ class RateLimit(ActuatorEffect, CommandFilter[ActuatorPlace]):
     parameters = (ParameterSpec("rate", "rad/s", nominal=np.inf, nonnegative=True),)
     is_shared = True
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        rate = actuator.max_rate
-        parameter = self.bound(
-            "rate", actuator, low=1e-2 * rate, high=1e3 * rate, scale=rate
-        )
-        # of what is commanded in other units than the position's
-        return (parameter if actuator.servo else replace(parameter, unit="ctrl/s"),)
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        return tuple((share * actuator.max_rate,) for share in (0.3, 1.0, 3.0))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
         """Of what holds a position, in whatever units that is commanded."""
-        return find_goal(robot.model, actuator.id) >= 0 and actuator.max_rate > 0
+        rate = actuator.max_rate
+        if find_goal(robot.model, actuator.id) < 0 or not rate > 0:
+            return None
+        p = self.bound("rate", (1e-2 * rate, 1e3 * rate), scale=rate, at=actuator)
+        if not actuator.servo:  # commanded in other units than the position's
+            p = replace(p, unit="ctrl/s")
+        return Proposal((p,), tuple((share * rate,) for share in (0.3, 1.0, 3.0)))
 
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
@@ -194,24 +181,18 @@ class ThermalDerating(ActuatorEffect, CommandFilter[ActuatorPlace]):
     )
     log_odds = SELDOM
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        most = 1 / actuator.max_force**2
-        return (
-            self.bound("loss", actuator, low=0.0, high=20 * most, scale=0.3 * most),
-            # of a small winding seconds, of a large motor's housing an hour
-            self.bound("timeconst", nominal=30.0, low=1.0, high=3600.0, scale=10.0),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        typical = 1 / actuator.max_force**2
-        return tuple((typical, seconds) for seconds in (10.0, 100.0))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
-        """Of motors, which are told a torque."""
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
+        """Of motors, which are commanded a torque."""
         model, a = robot.model, actuator.id
         laws = model.actuator_gaintype, model.actuator_biastype, model.actuator_dyntype
         is_motor = not any(law[a] for law in laws) and model.actuator_gainprm[a, 0] == 1
-        return bool(is_motor and actuator.dof >= 0 and actuator.max_force > 0)
+        if not (is_motor and actuator.dof >= 0 and actuator.max_force > 0):
+            return None
+        most = 1 / actuator.max_force**2
+        loss = self.bound("loss", (0.0, 20 * most), scale=0.3 * most, at=actuator)
+        # of a small winding seconds, of a large motor's housing an hour
+        time = self.bound("timeconst", (1.0, 3600.0), scale=10.0, nominal=30.0)
+        return Proposal((loss, time), ((most, 10.0), (most, 100.0)))
 
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
@@ -242,35 +223,17 @@ class SpeedTorqueLimit(ActuatorEffect, JointForce[ActuatorPlace]):
     )
     needs = frozenset({"forcerange"})
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
+        if actuator.dof < 0:
+            return None
         joint = robot.joint_by_dof(actuator.dof)
-        most, speed = actuator.max_force, joint.max_speed
-        return (
-            self.bound(
-                "stall_torque",
-                actuator,
-                low=0.01 * most,
-                high=20 * most,
-                scale=0.2 * most,
-            ),
-            self.bound(
-                "no_load_speed",
-                joint,
-                low=0.2 * speed,
-                high=100 * speed,
-                scale=0.3 * speed,
-            ),
+        m, v = actuator.max_force, joint.max_speed
+        parameters = (
+            self.bound("stall_torque", (0.01 * m, 20 * m), scale=0.2 * m, at=actuator),
+            self.bound("no_load_speed", (0.2 * v, 100 * v), scale=0.3 * v, at=joint),
         )
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        most, speed = actuator.max_force, robot.joint_by_dof(actuator.dof).max_speed
-        return (
-            (most, 1.3 * speed), (0.6 * most, 1.3 * speed), (most, 4 * speed),
-            (0.2 * most, 1.3 * speed), (0.2 * most, 4 * speed),
-        )  # fmt: skip
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
-        return actuator.dof >= 0
+        shares = ((1, 1.3), (0.6, 1.3), (1, 4), (0.2, 1.3), (0.2, 4))
+        return Proposal(parameters, tuple((a * m, b * v) for a, b in shares))
 
     def apply_forces(
         self, state: StepState, place: ActuatorPlace, values: Floats
@@ -309,32 +272,25 @@ class ServoGain(ActuatorEffect, ModelEdit[ActuatorPlace]):
     parameter_sets = (("kp", "kv"), ("kp",))
     overrides = ("kp", "kv", "gain", "bias", "gear")
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        kp, kv = get_servo_gains(robot.model, actuator.id)
-        holds = find_goal(robot.model, actuator.id) >= 0
-        if holds:
-            kp = -float(robot.model.actuator_biasprm[actuator.id, 1])
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
+        model, a = robot.model, actuator.id
+        laws = model.actuator_gaintype[a], model.actuator_biastype[a]
+        is_motor = max(laws) == 0 and model.actuator_gainprm[a, 0] > 0
+        kp, kv = get_servo_gains(model, a)
+        if holds := find_goal(model, a) >= 0:
+            kp = -float(model.actuator_biasprm[a, 1])
+        elif not is_motor:
+            return None
         stiffness = self.bound(
-            "kp", actuator, nominal=kp, low=0.05 * kp, high=20 * kp, scale=0.2 * kp
+            "kp", (0.05 * kp, 20 * kp), scale=0.2 * kp, at=actuator, nominal=kp
         )
         if not holds:
-            return (replace(stiffness, unit=f"{actuator.force}/ctrl"),)
-        high = 10 * kv + 0.5 * kp
+            stiffness = replace(stiffness, unit=f"{actuator.force}/ctrl")
+            return Proposal((stiffness,), ((0.6 * kp,), (1.6 * kp,)))
         scale = 0.2 * kv + 0.05 * _typical_torque(robot, actuator) / actuator.speed
-        damping = self.bound(
-            "kv", actuator, nominal=kv, low=0.0, high=high, scale=scale
-        )
-        return (stiffness, damping)
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        kp, *kv = (p.nominal for p in self.make_parameters(robot, actuator))
-        return ((0.6 * kp, *kv), (1.6 * kp, *kv))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
-        model, a = robot.model, actuator.id
-        law = model.actuator_gaintype[a], model.actuator_biastype[a]
-        is_motor = max(law) == 0 and model.actuator_gainprm[a, 0] > 0
-        return is_motor or find_goal(model, a) >= 0
+        bounds = (0.0, 10 * kv + 0.5 * kp)
+        damping = self.bound("kv", bounds, scale=scale, at=actuator, nominal=kv)
+        return Proposal((stiffness, damping), ((0.6 * kp, kv), (1.6 * kp, kv)))
 
     def edit_model(
         self, model: "MjModel", place: ActuatorPlace, values: Floats

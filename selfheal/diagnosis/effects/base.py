@@ -21,6 +21,7 @@ from .declaration import (
     FindingField,
     Parameter,
     ParameterSpec,
+    Proposal,
     Starts,
     convert_unit,
 )
@@ -174,6 +175,7 @@ class Effect(ABC):
             empty: all parameters, always.
         finding_fields: what a finding says beside its target and parameters; its place
             has attributes of these names, None where the finding says nothing.
+        place_type: subclass of the target's place that has these; None: that place.
         overrides: names of nominal parameters at its target whose place it takes, so
             that they have no influence beside it.
         log_odds: before any data, at one place, beside what is usual [nats].
@@ -192,6 +194,7 @@ class Effect(ABC):
     parameters: tuple[ParameterSpec, ...] = ()
     parameter_sets: tuple[tuple[str, ...], ...] = ()
     finding_fields: tuple[FindingField, ...] = ()
+    place_type: type[Place] | None = None
     overrides: tuple[str, ...] = ()
     log_odds = UNUSUAL
     needs: frozenset[str] = frozenset()
@@ -212,7 +215,14 @@ class Effect(ABC):
         Raises:
             InputError: the model lacks what the finding is about.
         """
-        return locate_target(model, finding["target"])
+        return self.complete_place(locate_target(model, finding["target"]), finding)
+
+    def complete_place(self, place: Place, finding: Mapping[str, Any]) -> Place:
+        """A target's place as a `place_type`, with what a finding says beside."""
+        if not self.place_type:
+            return place
+        beside = {f.name: finding.get(f.name) for f in self.finding_fields}
+        return place.extend(self.place_type, **beside)
 
     def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         """Whether values (p) of parameters agree with the effect's description."""
@@ -235,22 +245,19 @@ class Effect(ABC):
     def bound(
         self,
         name: str,
-        element: "Joint | Actuator | Channel | None" = None,
+        bounds: tuple[float, float],
         *,
-        low: float,
-        high: float,
         scale: float,
+        at: "Joint | Actuator | Channel | None" = None,
         nominal: float | None = None,
         resolution: float = 0.0,
     ) -> Parameter:
         """A declared parameter, with its bounds on a robot.
 
         Args:
-            name: of a parameter that the effect declares.
-            element: at which the effect acts, whose unit counts; None: the declared
-                unit is the parameter's.
-            low: the smallest value that makes sense.
+            bounds: the smallest and the largest value that make sense.
             scale: a change that the robot would show.
+            at: element whose unit counts; None: the declared unit is the parameter's.
             nominal: value at which the effect is absent, where none is declared.
             resolution: distance from the nominal value that simulation errors hide.
 
@@ -261,27 +268,11 @@ class Effect(ABC):
         absent = spec.nominal if nominal is None else nominal
         if absent is None:
             raise TypeError(f"{self.name}: {name} declares no nominal value; give one")
-        unit = spec.unit or ""
-        if element is not None:
-            unit = convert_unit(spec.unit, element.unit)
-        return Parameter(name, unit, absent, low, high, scale, resolution)
+        unit = (spec.unit or "") if at is None else convert_unit(spec.unit, at.unit)
+        return Parameter(name, unit, absent, *bounds, scale, resolution)
 
-    def make_term(
-        self,
-        target: str,
-        place: Place,
-        parameters: Sequence[Parameter],
-        initial_values: Starts,
-        log_odds: float | None = None,
-    ) -> Term:
-        """A term of the effect at one place.
-
-        Args:
-            target: as the contract writes it ("joint:knee").
-            initial_values: that a fit may begin at, each (p).
-            log_odds: other than the effect's own [nats].
-        """
-        return Term(
-            self, (target,), (place,), tuple(parameters), initial_values,
-            self.log_odds if log_odds is None else log_odds,
-        )  # fmt: skip
+    def make_term(self, target: str, place: Place, proposal: Proposal) -> Term:
+        """A term of the effect at one place; `target` as in "joint:knee"."""
+        parameters, starts, log_odds = proposal
+        odds = self.log_odds if log_odds is None else log_odds
+        return Term(self, (target,), (place,), parameters, starts, odds)

@@ -10,7 +10,7 @@ from ...mjcf.edit import Edit, Insert, format_number
 from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from .base import Effect, Term
-from .declaration import SELDOM, FindingField, ParameterSpec
+from .declaration import SELDOM, FindingField, ParameterSpec, Proposal
 from .places import AddedJointPlace, BodyPlace, Place
 from .protocols import JointAddition, ModelEdit, TextForm
 
@@ -88,14 +88,12 @@ class BaseCompliance(
         damping = [2 * START_DAMPING_RATIO * np.sqrt(k * inertia) for k in starts]
         k, d = starts[0], float(damping[0])
         parameters = (
-            self.bound("stiffness", low=0.02 * k, high=most, scale=k),
-            self.bound(
-                "damping", nominal=d, low=0.0, high=most * robot.timestep, scale=d
-            ),
+            self.bound("stiffness", (0.02 * k, most), scale=k),
+            self.bound("damping", (0.0, most * robot.timestep), scale=d, nominal=d),
         )
         target = f"body:{robot.model.body(place.body).name}"
         values = tuple((a, float(b)) for a, b in zip(starts, damping, strict=True))
-        return self.make_term(target, place, parameters, values)
+        return self.make_term(target, place, Proposal(parameters, values))
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         place = super().find_place(model, finding)

@@ -14,9 +14,9 @@ from ..data.robot_summary import (
     find_link_axis,
     min_stable_inertia,
 )
-from .base import Term
+from .base import Effect, Term
 from .by_target import BodyEffect, JointEffect, join_terms
-from .declaration import SELDOM, Parameters, ParameterSpec, Starts
+from .declaration import SELDOM, Parameter, ParameterSpec, Proposal
 from .inertia import add_mass, stretch_body
 from .places import BodyPlace, JointPlace
 from .protocols import ModelEdit
@@ -27,6 +27,17 @@ if TYPE_CHECKING:
 # times a joint's inertia, the rotor of one that is stuck; chosen
 JAMMED_ARMATURE_RATIO = 1000.0
 MAX_JAMMED_RANGE = 0.1  # [rad or m] in which one moves; chosen: a jammed gear gives
+
+
+def bound_shift(effect: Effect, reach: float) -> tuple[Parameter, ...]:
+    """The parameters x, y and z of an effect that moves something by a reach [m]."""
+    bounds, scale = (-reach, reach), 0.05 * reach
+    return tuple(effect.bound(x, bounds, scale=scale) for x in "xyz")
+
+
+def _hangs_on_another(body: MovingBody) -> bool:
+    """Whether a body neither floats nor is attached to the world."""
+    return not body.is_floating and body.parent != 0
 
 
 class Payload(BodyEffect, ModelEdit[BodyPlace]):
@@ -42,41 +53,42 @@ class Payload(BodyEffect, ModelEdit[BodyPlace]):
     )
     log_odds = SELDOM
 
-    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
+    def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
+        """Of parts that are fixed to each other at the last one, such as a gripper."""
+        if not body.mass or body.id in _list_inner_parts(robot):
+            return None
         position = [
             replace(
                 self.bound(
                     "position",
-                    nominal=float(body.far_end[i]),
-                    low=float(body.box[i, 0]),
-                    high=float(body.box[i, 1]),
+                    (float(low), float(high)),
                     scale=0.3 * body.size,
+                    nominal=float(end),
                 ),
                 name=f"position_{x}",
             )
-            for i, x in enumerate("xyz")
+            for x, (low, high), end in zip("xyz", body.box, body.far_end, strict=True)
         ]
         # a light hand may bear much: as much as all that moves
         most = max(5 * body.subtree_mass, sum(b.mass for b in robot.bodies))
-        mass = self.bound("mass", low=0.0, high=most, scale=0.2 * body.mass)
-        return (mass, *position)
-
-    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
         m = 0.2 * body.mass
-        return tuple((m, *map(float, p)) for p in (body.far_end, body.com))
-
-    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
-        """Of parts that are fixed to each other the last one, such as a gripper."""
-        model, inner = robot.model, {0}
-        for other in robot.bodies:
-            parent = other.parent if other.mass else 0
-            while parent and model.body_weldid[parent] == model.body_weldid[other.id]:
-                inner.add(parent)
-                parent = int(model.body_parentid[parent])
-        return bool(body.mass) and body.id not in inner
+        mass = self.bound("mass", (0.0, most), scale=m)
+        starts = tuple((m, *map(float, p)) for p in (body.far_end, body.com))
+        return Proposal((mass, *position), starts)
 
     def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
         add_mass(model, place.body, values[0], values[1:])
+
+
+def _list_inner_parts(robot: RobotSummary) -> set[int]:
+    """Ids of bodies on which another one with mass is fixed, and of the world."""
+    model, inner = robot.model, {0}
+    for body in robot.bodies:
+        parent = body.parent if body.mass else 0
+        while parent and model.body_weldid[parent] == model.body_weldid[body.id]:
+            inner.add(parent)
+            parent = int(model.body_parentid[parent])
+    return inner
 
 
 class ComShift(BodyEffect, ModelEdit[BodyPlace]):
@@ -89,19 +101,14 @@ class ComShift(BodyEffect, ModelEdit[BodyPlace]):
     parameters = tuple(ParameterSpec(x, "m", nominal=0.0) for x in "xyz")
     log_odds = SELDOM
 
-    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
-        reach = body.size
-        return tuple(
-            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
-        )
-
-    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
+    def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
         """None, from which a fit may go either way; one each way tells its response."""
-        scales = [p.scale for p in self.make_parameters(robot, body)]
-        return ((0.0, 0.0, 0.0), *map(tuple, np.diag(scales).tolist()))
-
-    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
-        return bool(body.mass)
+        if not body.mass:
+            return None
+        reach = body.size
+        shift = bound_shift(self, reach)
+        scales = np.diag([p.scale for p in shift])
+        return Proposal(shift, ((0.0, 0.0, 0.0), *map(tuple, scales.tolist())))
 
     def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
         body = place.body
@@ -119,19 +126,14 @@ class LinkLength(BodyEffect, ModelEdit[BodyPlace]):
     parameters = (ParameterSpec("length", "m", nonnegative=True, is_in_model=True),)
     overrides = ("length",)
 
-    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
+    def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
         now = body.length
-        return (
-            self.bound(
-                "length", nominal=now, low=0.02 * now, high=2 * now, scale=0.1 * now
-            ),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
-        return tuple((share * body.length,) for share in (0.2, 0.6, 0.85, 1.15))
-
-    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
-        return body.length > 0
+        if not now > 0:
+            return None
+        bounds, scale = (0.02 * now, 2 * now), 0.1 * now
+        length = self.bound("length", bounds, scale=scale, nominal=now)
+        shares = (0.2, 0.6, 0.85, 1.15)
+        return Proposal((length,), tuple((share * now,) for share in shares))
 
     def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
         axis, length = find_link_axis(model, place.body)
@@ -147,31 +149,24 @@ class MountShift(BodyEffect, ModelEdit[BodyPlace]):
     phrase = "{at} is attached elsewhere than in the model ({all})"
     parameters = tuple(ParameterSpec(x, "m", nominal=0.0) for x in "xyz")
 
-    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
-        reach = self._max_shift(body)
-        return tuple(
-            self.bound(x, low=-reach, high=reach, scale=0.05 * reach) for x in "xyz"
-        )
-
-    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
+    def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
+        if not _hangs_on_another(body):
+            return None
+        reach = max(body.offset, body.size)  # [m] that it may have moved
         # also a fifth of the way: which foot bears it may change between
-        far = 0.2 * self._max_shift(body) * np.eye(3)
-        return tuple(map(tuple, np.vstack([np.zeros(3), far, -far]).tolist()))
-
-    def _max_shift(self, body: MovingBody) -> float:
-        """The farthest [m] that a body's mount may have moved."""
-        return max(body.offset, body.size)
-
-    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
-        return not body.is_floating and body.parent != 0
+        far = 0.2 * reach * np.eye(3)
+        starts = np.vstack([np.zeros(3), far, -far]).tolist()
+        return Proposal(bound_shift(self, reach), tuple(map(tuple, starts)))
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each body, and one at all that hang on the same parent."""
         found = super().propose_terms(robot)
         by_parent: dict[int, list[Term]] = {}
-        bodies = [b for b in robot.bodies if self.applies_to(robot, b)]
-        for body, term in zip(bodies, found, strict=True):
-            by_parent.setdefault(body.parent, []).append(term)
+        for term in found:
+            (place,) = term.places
+            assert isinstance(place, BodyPlace)  # by `BodyEffect`
+            parent = int(robot.model.body_parentid[place.body])
+            by_parent.setdefault(parent, []).append(term)
         groups = [group for group in by_parent.values() if len(group) > 1]
         return [*found, *map(join_terms, groups)]
 
@@ -189,14 +184,8 @@ class LimbLoss(BodyEffect, ModelEdit[BodyPlace]):
     separate_by = "load the joint above it"
     phrase = "{at} is lost"
 
-    def make_parameters(self, robot: RobotSummary, body: MovingBody) -> Parameters:
-        return ()
-
-    def make_initial_values(self, robot: RobotSummary, body: MovingBody) -> Starts:
-        return ((),)
-
-    def applies_to(self, robot: RobotSummary, body: MovingBody) -> bool:
-        return not body.is_floating and body.parent != 0
+    def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
+        return Proposal((), ((),)) if _hangs_on_another(body) else None
 
     def edit_model(self, model: "MjModel", place: BodyPlace, values: Floats) -> None:
         for body in list_subtree(model.body_parentid, place.body):
@@ -222,24 +211,15 @@ class JointJam(JointEffect, ModelEdit[JointPlace]):
     phrase = "{at} is stuck at {angle}"
     parameters = (ParameterSpec("angle", "rad"),)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        return (
-            self.bound(
-                "angle",
-                joint,
-                nominal=joint.late_center,
-                low=joint.late_center - joint.range,
-                high=joint.late_center + joint.range,
-                scale=0.1 * joint.range,
-            ),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        return ((joint.late_center,),)
-
-    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal | None:
         """Of joints that were not seen to move, or not any more."""
-        return joint.late_range < MAX_JAMMED_RANGE or not joint.measured
+        if joint.late_range >= MAX_JAMMED_RANGE and joint.measured:
+            return None
+        at, reach = joint.late_center, joint.range
+        angle = self.bound(
+            "angle", (at - reach, at + reach), scale=0.1 * reach, at=joint, nominal=at
+        )
+        return Proposal((angle,), ((at,),))
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         # a spring of 20 ms period or so, critically damped, that a step can carry, and

@@ -1,6 +1,7 @@
 """Effects by the kind of their target: an effect at each joint, actuator, body, signal.
 
-A subclass gives the parameters at one element of the robot; the terms follow.
+A subclass gives the parameters and the initial values at one element of the robot; the
+terms follow.
 """
 
 from abc import abstractmethod
@@ -11,16 +12,8 @@ from typing import Generic, Protocol, TypeVar
 from ...recording.data import Floats
 from ..data.robot_summary import Actuator, Channel, Joint, MovingBody, RobotSummary
 from .base import Effect, Term
-from .declaration import RARE, UNUSUAL, Parameters, Starts
-from .places import (
-    ActuatorPlace,
-    BodyPlace,
-    JointPlace,
-    Place,
-    SignalPlace,
-    actuator_place,
-    joint_place,
-)
+from .declaration import RARE, UNUSUAL, Proposal
+from .places import BodyPlace, Place, SignalPlace, actuator_place, joint_place
 from .protocols import SensorMap
 
 
@@ -36,55 +29,26 @@ E = TypeVar("E", bound=Element)
 
 
 class TargetEffect(Effect, Generic[E]):
-    """An effect that is proposed once at each element of a robot that it fits.
-
-    Attributes:
-        initial_shares: of the parameters' scales, by which the default initial values
-            lie beside the nominal ones; chosen: within one step of a search.
-    """
-
-    initial_shares: tuple[float, ...] = (0.3, 1.0)
+    """An effect that is proposed once at each element of a robot that it fits."""
 
     @abstractmethod
-    def list_elements(self, robot: RobotSummary) -> Sequence[E]:
-        """The robot's elements of the effect's first target kind."""
+    def list_places(self, robot: RobotSummary) -> Sequence[tuple[E, Place]]:
+        """The robot's elements of the effect's first target kind, and their places."""
 
     @abstractmethod
-    def make_place(self, robot: RobotSummary, element: E) -> Place:
-        """The place of an element in the given model."""
-
-    @abstractmethod
-    def make_parameters(self, robot: RobotSummary, element: E) -> Parameters:
-        """The declared parameters, with their bounds at an element."""
-
-    def applies_to(self, robot: RobotSummary, element: E) -> bool:
-        """Whether the effect could be at an element."""
-        return True
-
-    def find_log_odds(self, robot: RobotSummary, element: E) -> float:
-        """Log-odds at an element, beside what is usual [nats]."""
-        return self.log_odds
-
-    def make_initial_values(self, robot: RobotSummary, element: E) -> Starts:
-        """Values (p) that a fit may begin at, at an element."""
-        parameters = self.make_parameters(robot, element)
-        return tuple(
-            tuple(p.nominal + share * p.scale for p in parameters)
-            for share in self.initial_shares
-        )
+    def propose_at(self, robot: RobotSummary, element: E) -> Proposal | None:
+        """Parameters and initial values at an element; None: it cannot be there."""
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """One term at each element that the effect applies to."""
+        """One term at each place where the effect could be."""
         return [
             self.make_term(
                 f"{self.target_kinds[0]}:{element.name}",
-                self.make_place(robot, element),
-                self.make_parameters(robot, element),
-                self.make_initial_values(robot, element),
-                self.find_log_odds(robot, element),
+                self.complete_place(place, {}),
+                proposal,
             )
-            for element in self.list_elements(robot)
-            if self.applies_to(robot, element)
+            for element, place in self.list_places(robot)
+            if (proposal := self.propose_at(robot, element)) is not None
         ]
 
 
@@ -103,11 +67,8 @@ class JointEffect(TargetEffect[Joint]):
 
     target_kinds = ("joint",)
 
-    def list_elements(self, robot: RobotSummary) -> Sequence[Joint]:
-        return robot.joints
-
-    def make_place(self, robot: RobotSummary, element: Joint) -> JointPlace:
-        return joint_place(robot.model, element.id)
+    def list_places(self, robot: RobotSummary) -> Sequence[tuple[Joint, Place]]:
+        return [(e, joint_place(robot.model, e.id)) for e in robot.joints]
 
 
 class ActuatorEffect(TargetEffect[Actuator]):
@@ -122,11 +83,8 @@ class ActuatorEffect(TargetEffect[Actuator]):
     target_kinds = ("actuator",)
     is_shared = False
 
-    def list_elements(self, robot: RobotSummary) -> Sequence[Actuator]:
-        return robot.actuators
-
-    def make_place(self, robot: RobotSummary, element: Actuator) -> ActuatorPlace:
-        return actuator_place(robot.model, element.id)
+    def list_places(self, robot: RobotSummary) -> Sequence[tuple[Actuator, Place]]:
+        return [(e, actuator_place(robot.model, e.id)) for e in robot.actuators]
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each actuator and, of a shared effect, one at all of them."""
@@ -144,11 +102,8 @@ class BodyEffect(TargetEffect[MovingBody]):
     target_kinds = ("body",)
     log_odds = RARE
 
-    def list_elements(self, robot: RobotSummary) -> Sequence[MovingBody]:
-        return robot.bodies
-
-    def make_place(self, robot: RobotSummary, element: MovingBody) -> BodyPlace:
-        return BodyPlace(body=element.id)
+    def list_places(self, robot: RobotSummary) -> Sequence[tuple[MovingBody, Place]]:
+        return [(e, BodyPlace(body=e.id)) for e in robot.bodies]
 
 
 class SensorEffect(TargetEffect[Channel], SensorMap[SignalPlace]):
@@ -156,16 +111,9 @@ class SensorEffect(TargetEffect[Channel], SensorMap[SignalPlace]):
 
     group = "measurement"
     target_kinds = ("sensor",)
-    initial_shares = (0.3,)
 
-    def list_elements(self, robot: RobotSummary) -> Sequence[Channel]:
-        return robot.channels
-
-    def make_place(self, robot: RobotSummary, element: Channel) -> SignalPlace:
-        return SignalPlace(signal=element.name, kind=element.kind)
-
-    def applies_to(self, robot: RobotSummary, element: Channel) -> bool:
-        return element.width == 1
+    def list_places(self, robot: RobotSummary) -> Sequence[tuple[Channel, Place]]:
+        return [(c, SignalPlace(signal=c.name, kind=c.kind)) for c in robot.channels]
 
     def transform_reading(
         self, place: SignalPlace, values: Floats

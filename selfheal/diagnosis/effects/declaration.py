@@ -1,7 +1,8 @@
 """What an effect states of itself, once: its parameters, and a finding's fields."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -68,7 +69,24 @@ class Parameter:
     resolution: float = 0.0
 
 
-Parameters = tuple[Parameter, ...]
+class Proposal(NamedTuple):
+    """An effect at one element of a robot, before any fit.
+
+    Attributes:
+        parameters: to be fitted, with their bounds there.
+        initial_values: that a fit may begin at, each (p).
+        log_odds: of the effect there, beside what is usual [nats]; None: its own.
+    """
+
+    parameters: tuple[Parameter, ...]
+    initial_values: Starts
+    log_odds: float | None = None
+
+
+def start_beside(parameters: Iterable[Parameter], *shares: float) -> Starts:
+    """Initial values beside the nominal ones, by shares of the parameters' scales."""
+    each = tuple(parameters)
+    return tuple(tuple(p.nominal + share * p.scale for p in each) for share in shares)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.robot_summary import Joint, RobotSummary
 from .by_target import JointEffect
-from .declaration import Parameters, ParameterSpec, Starts
-from .places import JointPlace
+from .declaration import ParameterSpec, Proposal
+from .places import JointPlace, Place
 from .protocols import JointForce, StepState
 
 BASIS = ("constant", "position", "position^2", "position^3", "velocity",
@@ -42,27 +42,26 @@ class FreeFormTorque(JointEffect, JointForce[MovedPlace]):
     group = "unlisted"
     parameters = tuple(ParameterSpec(name, "N m", nominal=0.0) for name in BASIS)
 
-    def make_place(self, robot: RobotSummary, joint: Joint) -> MovedPlace:
-        return (
-            super()
-            .make_place(robot, joint)
-            .extend(
-                MovedPlace,
-                range_center=joint.range_center,
-                range=joint.range,
-                speed=joint.speed,
+    def list_places(self, robot: RobotSummary) -> list[tuple[Joint, Place]]:
+        return [
+            (
+                joint,
+                place.extend(
+                    MovedPlace,
+                    range_center=joint.range_center,
+                    range=joint.range,
+                    speed=joint.speed,
+                ),
             )
-        )
+            for joint, place in super().list_places(robot)
+        ]
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        reach = 3 * joint.torque
-        return tuple(
-            self.bound(name, joint, low=-reach, high=reach, scale=0.1 * joint.torque)
-            for name in BASIS
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        return ((0.0,) * len(BASIS),)
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        reach, scale = 3 * joint.torque, 0.1 * joint.torque
+        parameters = [
+            self.bound(x, (-reach, reach), scale=scale, at=joint) for x in BASIS
+        ]
+        return Proposal(tuple(parameters), ((0.0,) * len(BASIS),))
 
     def apply_forces(self, state: StepState, place: MovedPlace, values: Floats) -> None:
         """Add a weighted sum of the basis.

@@ -4,9 +4,9 @@ A parameter that MJCF has too (damping, frictionloss) is the joint's new total. 
 the place of what the model states, also of that value when it is fitted again.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from .declaration import (
     USUAL,
     FindingField,
     Parameter,
-    Parameters,
     ParameterSpec,
-    Starts,
+    Proposal,
+    start_beside,
 )
-from .places import JointPlace, Place
+from .places import JointPlace
 from .protocols import JointForce, ModelEdit, StepState
 
 if TYPE_CHECKING:
@@ -64,23 +64,13 @@ class ViscousFriction(FrictionEffect, ModelEdit[JointPlace]):
     log_odds = USUAL
     overrides = ("damping",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
         scale = 0.2 * joint.torque / joint.speed
         now = float(robot.model.dof_damping[joint.dof])
         high = 10 * torque_scale(robot, joint) / joint.speed + 10 * now
-        return (
-            self.bound("damping", joint, nominal=now, low=0.0, high=high, scale=scale),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        (p,) = self.make_parameters(robot, joint)
-        none = ((0.0,),) if p.nominal else ()
-        return (
-            (p.nominal + 0.3 * p.scale,),
-            (p.nominal + 2 * p.scale,),
-            (p.nominal / 2,),
-            *none,
-        )
+        p = self.bound("damping", (0.0, high), scale=scale, at=joint, nominal=now)
+        none = ((0.0,),) if now else ()
+        return Proposal((p,), (*start_beside((p,), 0.3, 2), (now / 2,), *none))
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         model.dof_damping[place.dof] = values[0]
@@ -97,19 +87,40 @@ class QuadraticDamping(FrictionEffect, ModelEdit[JointPlace]):
         ParameterSpec("damping2", "N m s^2/rad^2", nonnegative=True, is_in_model=True),
     )
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
         scale = 0.2 * joint.torque / joint.speed**2
         now = float(robot.model.dof_dampingpoly[joint.dof, 0])
         high = 10 * torque_scale(robot, joint) / joint.speed**2 + 10 * now
-        return (
-            self.bound("damping2", joint, nominal=now, low=0.0, high=high, scale=scale),
-        )
+        p = self.bound("damping2", (0.0, high), scale=scale, at=joint, nominal=now)
+        return Proposal((p,), start_beside((p,), 0.3, 1))
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         model.dof_dampingpoly[place.dof, 0] = values[0]
 
 
-class CoulombFriction(FrictionEffect, ModelEdit[JointPlace]):
+class DryFriction(FrictionEffect, ModelEdit[JointPlace]):
+    """Dry friction of a joint, whose first value takes the place of the model's."""
+
+    overrides = ("frictionloss",)
+
+    def bound_torque(
+        self, name: str, robot: RobotSummary, joint: Joint, share: float = 1
+    ) -> Parameter:
+        """A torque of dry friction, with the model's as its nominal value.
+
+        Args:
+            share: of the usual bound, that is its largest value [1].
+        """
+        now = float(robot.model.dof_frictionloss[joint.dof])
+        high = share * (3 * torque_scale(robot, joint) + 10 * now)
+        scale = 0.1 * joint.torque
+        return self.bound(name, (0.0, high), scale=scale, at=joint, nominal=now)
+
+    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
+        model.dof_frictionloss[place.dof] = values[0]
+
+
+class CoulombFriction(DryFriction):
     name = "coulomb_friction"
     description = "A constant torque against the motion; at rest it holds."
     equation = "tau = -frictionloss sign(v)"
@@ -120,34 +131,14 @@ class CoulombFriction(FrictionEffect, ModelEdit[JointPlace]):
         ParameterSpec("frictionloss", "N m", nonnegative=True, is_in_model=True),
     )
     log_odds = USUAL
-    overrides = ("frictionloss",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        now, scale, high = _dry_friction_bounds(robot, joint)
-        return (
-            self.bound(
-                "frictionloss", joint, nominal=now, low=0.0, high=high, scale=scale
-            ),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        (p,) = self.make_parameters(robot, joint)
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        p = self.bound_torque("frictionloss", robot, joint)
         none = ((0.0,),) if p.nominal else ()
-        return ((p.nominal + 0.3 * p.scale,), (p.nominal + 1.5 * p.scale,), *none)
-
-    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
-        model.dof_frictionloss[place.dof] = values[0]
+        return Proposal((p,), (*start_beside((p,), 0.3, 1.5), *none))
 
 
-def _dry_friction_bounds(
-    robot: RobotSummary, joint: Joint
-) -> tuple[float, float, float]:
-    """Dry friction [N m or N] of a joint: the model's, a search's step, the largest."""
-    now = float(robot.model.dof_frictionloss[joint.dof])
-    return now, 0.1 * joint.torque, 3 * torque_scale(robot, joint) + 10 * now
-
-
-class StribeckFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPlace]):
+class StribeckFriction(DryFriction, JointForce[JointPlace]):
     """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "stribeck_friction"
@@ -163,37 +154,23 @@ class StribeckFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPl
         ParameterSpec("static", "N m", nonnegative=True),
         ParameterSpec("stribeck_velocity", "rad/s", nonnegative=True),
     )
-    overrides = ("frictionloss",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        now, scale, high = _dry_friction_bounds(robot, joint)
-        return (
-            self.bound("coulomb", joint, nominal=now, low=0.0, high=high, scale=scale),
-            self.bound(
-                "static", joint, nominal=now, low=0.0, high=2 * high, scale=scale
-            ),
-            self.bound(
-                "stribeck_velocity",
-                joint,
-                nominal=0.1 * joint.speed,
-                low=1e-3 * joint.speed,
-                high=joint.speed,
-                scale=0.1 * joint.speed,
-            ),
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        v = joint.speed
+        coulomb = self.bound_torque("coulomb", robot, joint)
+        static = self.bound_torque("static", robot, joint, share=2)
+        speed = self.bound(
+            "stribeck_velocity", (1e-3 * v, v), scale=0.1 * v, at=joint, nominal=0.1 * v
         )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        (now, t, _), v = _dry_friction_bounds(robot, joint), joint.speed
-        return (
-            (now + 0.3 * t, now + t, 0.1 * v), (now + t, now + 3 * t, 0.1 * v),
-            (now + t, now + 3 * t, 0.02 * v),
-        )  # fmt: skip
+        now, t = coulomb.nominal, coulomb.scale
+        starts = ((0.3, 1, 0.1), (1, 3, 0.1), (1, 3, 0.02))
+        return Proposal(
+            (coulomb, static, speed),
+            tuple((now + a * t, now + b * t, c * v) for a, b, c in starts),
+        )
 
     def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(values[1] > values[0])
-
-    def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
-        model.dof_frictionloss[place.dof] = values[0]
 
     def apply_forces(self, state: StepState, place: JointPlace, values: Floats) -> None:
         dof = place.dof
@@ -234,21 +211,15 @@ class LoadDependentFriction(FrictionEffect, JointForce[GearPlace]):
         ParameterSpec("load_coefficient", "1", nominal=0.0, nonnegative=True),
     )
     finding_fields = (FindingField("side", (BOTH,), is_required=False),)
+    place_type = GearPlace
     log_odds = USUAL
     needs = frozenset({"actuator_torque", "bias_torque"})
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        return (self.bound("load_coefficient", low=0.0, high=1.5, scale=0.1),)
-
-    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
-        return any(a.dof == joint.dof for a in robot.actuators)
-
-    def make_place(self, robot: RobotSummary, joint: Joint) -> GearPlace:
-        return super().make_place(robot, joint).extend(GearPlace)
-
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
-        place = super().find_place(model, finding)
-        return place.extend(GearPlace, side=finding.get("side"))
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal | None:
+        if not any(a.dof == joint.dof for a in robot.actuators):
+            return None
+        p = self.bound("load_coefficient", (0.0, 1.5), scale=0.1)
+        return Proposal((p,), start_beside((p,), 0.3, 1))
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term at each driven joint, and one of both sides of its gear.
@@ -265,7 +236,7 @@ class LoadDependentFriction(FrictionEffect, JointForce[GearPlace]):
     def _use_both_sides(term: Term) -> Term:
         """The term with the mean of both sides of the gear as its load."""
         (place,) = term.places
-        assert isinstance(place, GearPlace)  # by `make_place`
+        assert isinstance(place, GearPlace)  # by `place_type`
         return replace(term, places=(replace(place, side=BOTH),), log_odds=UNUSUAL)
 
     def apply_forces(self, state: StepState, place: GearPlace, values: Floats) -> None:
@@ -276,7 +247,7 @@ class LoadDependentFriction(FrictionEffect, JointForce[GearPlace]):
         state.frictionloss[:, dof] += values[:, 0] * np.abs(load)
 
 
-class AsymmetricFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[JointPlace]):
+class AsymmetricFriction(DryFriction, JointForce[JointPlace]):
     """A total, like `coulomb_friction`: nominal, both torques are the model's."""
 
     name = "asymmetric_friction"
@@ -289,22 +260,16 @@ class AsymmetricFriction(FrictionEffect, ModelEdit[JointPlace], JointForce[Joint
         ParameterSpec("positive", "N m", nonnegative=True),
         ParameterSpec("negative", "N m", nonnegative=True),
     )
-    overrides = ("frictionloss",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        now, scale, high = _dry_friction_bounds(robot, joint)
-        return tuple(
-            self.bound(name, joint, nominal=now, low=0.0, high=high, scale=scale)
-            for name in ("positive", "negative")
-        )
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        both = [self.bound_torque(s, robot, joint) for s in ("positive", "negative")]
+        now, t = both[0].nominal, both[0].scale
+        pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
+        starts = tuple((now + a * t, now + b * t) for a, b in pairs)
+        return Proposal(tuple(both), starts)
 
     def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(np.ptp(values) > MIN_ASYMMETRY * np.max(values))
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        now, t, _ = _dry_friction_bounds(robot, joint)
-        pairs = ((1, 0.3), (0.3, 1), (3, 1), (1, 3))
-        return tuple((now + a * t, now + b * t) for a, b in pairs)
 
     # a mean friction and a constant torque: the same, also where the joint sticks
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:

@@ -4,9 +4,8 @@ What a model states of a limit is where these effects are absent. They take its 
 a stop may be farther in, farther out, or beyond all that was seen.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,8 +15,8 @@ from ...recording.data import Floats
 from ..data.robot_summary import Actuator, Joint, RobotSummary
 from .base import Effect, Term
 from .by_target import ActuatorEffect
-from .declaration import FindingField, Parameters, ParameterSpec, Starts
-from .places import AT_JOINT, ActuatorPlace, JointPlace, Place, joint_place
+from .declaration import FindingField, Parameter, ParameterSpec, Proposal
+from .places import AT_JOINT, ActuatorPlace, JointPlace, joint_place
 from .protocols import ModelEdit
 
 if TYPE_CHECKING:
@@ -60,6 +59,7 @@ class HardStop(Effect, ModelEdit[StopPlace]):
     )
     parameter_sets = (("range",), ("range", "timeconst"))
     finding_fields = (FindingField("side", (-1, 1)),)
+    place_type = StopPlace
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """Two terms at each hinge and slide, one for each end of its range."""
@@ -80,46 +80,41 @@ class HardStop(Effect, ModelEdit[StopPlace]):
         model.jnt_range[joint] = np.clip(ends, -UNLIMITED_RANGE, UNLIMITED_RANGE)
         model.jnt_limited[joint] = 1
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
-        return (
-            super().find_place(model, finding).extend(StopPlace, side=finding["side"])
-        )
-
     def _make_term(self, robot: RobotSummary, joint: Joint, side: int) -> Term:
         """The term of the lower (-1) or upper (1) end of a joint's range."""
         # the farthest position that was seen
         end = joint.range_center + side * joint.range / 2
-        stated = _stated_end(robot.model, joint, side)
+        nominal = _find_nominal_end(robot.model, joint, side)
         reach = 0.5 * joint.range
-        reached = end if np.isinf(stated) else side * max(side * end, side * stated)
+        reached = end if np.isinf(nominal) else side * max(side * end, side * nominal)
         low, high = sorted((end - side * reach, reached + side * reach))
         stop = self.bound(
-            "range", joint, nominal=stated, low=low, high=high, scale=0.1 * joint.range
+            "range", (low, high), scale=0.1 * joint.range, at=joint, nominal=nominal
         )
         starts = [end - side * 0.02 * joint.range, end - side * 0.1 * joint.range]
-        if side * (end - stated) > -0.02 * joint.range:  # the stated one is in the way
+        if side * (end - nominal) > -0.02 * joint.range:  # the nominal is in the way
             starts.append(end + side * 0.1 * joint.range)
-        soft = self._make_softness(robot, joint)
+        soft = self._bound_softness(robot, joint)
+        place = joint_place(robot.model, joint.id).extend(StopPlace, side=side)
+        values = tuple((start, *(p.nominal for p in soft)) for start in starts)
         return self.make_term(
-            f"joint:{joint.name}",
-            joint_place(robot.model, joint.id).extend(StopPlace, side=side),
-            (stop, *soft),
-            tuple((start, *(p.nominal for p in soft)) for start in starts),
+            f"joint:{joint.name}", place, Proposal((stop, *soft), values)
         )
 
-    def _make_softness(self, robot: RobotSummary, joint: Joint) -> Parameters:
+    def _bound_softness(
+        self, robot: RobotSummary, joint: Joint
+    ) -> tuple[Parameter, ...]:
         """The contact's time constant, where solref has one and motion was read."""
         time, hard = robot.model.jnt_solref[joint.id, 0], 2 * robot.timestep
         if time < hard or robot.has_only_poses:
             return ()
-        return (
-            self.bound(
-                "timeconst", nominal=float(time), low=hard, high=0.2, scale=0.2 * time
-            ),
+        soft = self.bound(
+            "timeconst", (hard, 0.2), scale=0.2 * time, nominal=float(time)
         )
+        return (soft,)
 
 
-def _stated_end(model: "MjModel", joint: Joint, side: int) -> float:
+def _find_nominal_end(model: "MjModel", joint: Joint, side: int) -> float:
     """The end of a joint's range as the model states it; infinite where it does not."""
     if not model.jnt_limited[joint.id]:
         return side * np.inf
@@ -140,40 +135,30 @@ class TorqueSaturation(ActuatorEffect, ModelEdit[ActuatorPlace]):
     phrase = "{at} cannot give more than {limit}, {other}"
     parameters = (ParameterSpec("limit", "N m", nonnegative=True, is_in_model=True),)
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
-        high = 20 * most
-        if np.isfinite(stated):
-            high = max(high, 2 * stated)
-        return (
-            self.bound(
-                "limit",
-                actuator,
-                nominal=stated,
-                low=0.005 * most,
-                high=high,
-                scale=0.1 * most,
-            ),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        most, stated = actuator.max_force, stated_limit(robot.model, actuator.id)
-        base = min(most, stated)
-        starts = [s * base for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)]
-        if most > stated:  # what the model cannot give was asked for
-            starts = [UNLIMITED_SHARE * most, *starts]
-        return tuple((start,) for start in starts)
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
         model, a = robot.model, actuator.id
         # at a site the gear is a direction
         geared = model.actuator_gear[find_output(model, a), 0] != 0
-        return geared and (has_affine_force(model, a) or is_pid(model, a))
+        if not geared or not (has_affine_force(model, a) or is_pid(model, a)):
+            return None
+        most, nominal = actuator.max_force, find_nominal_limit(model, a)
+        high = max(20 * most, 2 * nominal) if np.isfinite(nominal) else 20 * most
+        limit = self.bound(
+            "limit",
+            (0.005 * most, high),
+            scale=0.1 * most,
+            at=actuator,
+            nominal=nominal,
+        )
+        starts = [s * min(most, nominal) for s in (0.9, 0.6, 0.35, 0.2, 0.1, 0.05)]
+        if most > nominal:  # more was commanded than the model can give
+            starts = [UNLIMITED_SHARE * most, *starts]
+        return Proposal((limit,), tuple((start,) for start in starts))
 
     def edit_model(
         self, model: "MjModel", place: ActuatorPlace, values: Floats
     ) -> None:
-        a, stated = place.actuator, stated_limit(model, place.actuator)
+        a, stated = place.actuator, find_nominal_limit(model, place.actuator)
         most = values[0] / abs(model.actuator_gear[find_output(model, a), 0])
         limited = model.actuator_forcelimited[a]
         given = model.actuator_forcerange[a] if limited else (-np.inf, np.inf)
@@ -184,7 +169,7 @@ class TorqueSaturation(ActuatorEffect, ModelEdit[ActuatorPlace]):
         model.actuator_forcelimited[a] = 1
 
 
-def stated_limit(model: "MjModel", actuator: int) -> float:
+def find_nominal_limit(model: "MjModel", actuator: int) -> float:
     """The largest torque [N m or N] that a model lets an actuator give; or infinity."""
     gear = abs(model.actuator_gear[find_output(model, actuator), 0])
     limits = [np.inf]

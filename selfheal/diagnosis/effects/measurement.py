@@ -7,24 +7,24 @@ from ...recording.data import Floats
 from ..data.robot_summary import Channel, RobotSummary
 from .by_target import SensorEffect
 from .commands import STALE_STEPS
-from .declaration import UNUSUAL, USUAL, Parameters, ParameterSpec, Starts
+from .declaration import UNUSUAL, USUAL, ParameterSpec, Proposal, start_beside
 from .places import SignalPlace
 from .protocols import SensorMap
 
 GAIN_RESOLUTION = 0.005  # of a gain, as well as sensors are calibrated; chosen
 
 
-def has_vector_offset(robot: RobotSummary, signal: Channel) -> bool:
-    """Whether each column of a vector signal has a zero, and all have one scale.
+def has_scale(robot: RobotSummary, signal: Channel) -> bool:
+    """Whether each column of a signal has a zero, and all have one scale.
 
     Directions and quaternions have none. The position of a robot that floats has none
     either, as nobody knows its zero.
     """
     model = robot.model
-    if signal.free_columns < signal.width or signal.width == 1:
-        return False
-    if signal.kind != "body_position":
+    if signal.width == 1:
         return True
+    if signal.free_columns < signal.width or signal.kind != "body_position":
+        return signal.free_columns == signal.width
     root = model.body_rootid[model.body(signal.target).id]
     return not (model.jnt_type[model.jnt_bodyid == root] == 0).any()
 
@@ -38,28 +38,20 @@ class SensorBias(SensorEffect, SensorMap[SignalPlace]):
     phrase = "{at} is off by {bias}"
     parameters = (ParameterSpec("bias", None, nominal=0.0, size=None),)
 
-    def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
-        """One for each column; those of a vector are called bias_x, bias_y, ..."""
-        few = signal.width <= 3
-        axes = tuple("xyz"[: signal.width] if few else range(signal.width))
-        bias = self.bound(
-            "bias",
-            signal,
-            low=-signal.max_abs,
-            high=signal.max_abs,
-            scale=0.1 * signal.spread,
-        )
-        return tuple(
-            replace(bias, name=f"bias_{x}" if signal.width > 1 else "bias")
-            for x in axes
-        )
+    def propose_at(self, robot: RobotSummary, signal: Channel) -> Proposal | None:
+        """One for each column; those of a vector are called bias_x, bias_y, ...
 
-    def applies_to(self, robot: RobotSummary, signal: Channel) -> bool:
-        return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
-
-    def find_log_odds(self, robot: RobotSummary, signal: Channel) -> float:
-        """Usual at what is no velocity: the zero of a position is often off."""
-        return USUAL if signal.width == 1 and not _is_velocity(signal) else UNUSUAL
+        Usual at what is no velocity: the zero of a position is often off.
+        """
+        is_scalar, most = signal.width == 1, signal.max_abs
+        if not has_scale(robot, signal):
+            return None
+        axes = "xyz"[: signal.width] if signal.width <= 3 else range(signal.width)
+        bias = self.bound("bias", (-most, most), scale=0.1 * signal.spread, at=signal)
+        each = tuple(replace(bias, name=f"bias_{x}") for x in axes)
+        each = (bias,) if is_scalar else each
+        usual = is_scalar and not _is_velocity(signal)
+        return Proposal(each, start_beside(each, 0.3), USUAL if usual else UNUSUAL)
 
     def transform_reading(
         self, place: SignalPlace, values: Floats
@@ -76,15 +68,11 @@ class SensorGain(SensorEffect):
     phrase = "{at} reads {gain} times what is true"
     parameters = (ParameterSpec("gain", "1", nominal=1.0, nonnegative=True),)
 
-    def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
-        return (
-            self.bound(
-                "gain", low=0.3, high=3.0, scale=0.05, resolution=GAIN_RESOLUTION
-            ),
-        )
-
-    def applies_to(self, robot: RobotSummary, signal: Channel) -> bool:
-        return super().applies_to(robot, signal) or has_vector_offset(robot, signal)
+    def propose_at(self, robot: RobotSummary, signal: Channel) -> Proposal | None:
+        if not has_scale(robot, signal):
+            return None
+        p = self.bound("gain", (0.3, 3.0), scale=0.05, resolution=GAIN_RESOLUTION)
+        return Proposal((p,), start_beside((p,), 0.3))
 
 
 class SensorDelay(SensorEffect):
@@ -96,19 +84,12 @@ class SensorDelay(SensorEffect):
     phrase = "{at} comes {delay} late"
     parameters = (ParameterSpec("delay", "s", nominal=0.0, nonnegative=True),)
 
-    def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
-        least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
-        return (self.bound("delay", low=0.0, high=0.3, scale=0.01, resolution=least),)
-
-    def make_initial_values(self, robot: RobotSummary, signal: Channel) -> Starts:
-        return ((0.005,), (0.03,))
-
-    def applies_to(self, robot: RobotSummary, signal: Channel) -> bool:
-        return True
-
-    def find_log_odds(self, robot: RobotSummary, signal: Channel) -> float:
+    def propose_at(self, robot: RobotSummary, signal: Channel) -> Proposal:
         """Usual at velocities: they are filtered, and so come late."""
-        return USUAL if _is_velocity(signal) else UNUSUAL
+        least = max(robot.contact_timing_error, STALE_STEPS * robot.timestep)
+        p = self.bound("delay", (0.0, 0.3), scale=0.01, resolution=least)
+        log_odds = USUAL if _is_velocity(signal) else UNUSUAL
+        return Proposal((p,), ((0.005,), (0.03,)), log_odds)
 
 
 def _is_velocity(signal: Channel) -> bool:
@@ -127,12 +108,9 @@ class Quantization(SensorEffect):
     phrase = "{at} comes in steps of {step}"
     parameters = (ParameterSpec("step", None, nominal=0.0, nonnegative=True),)
 
-    def make_parameters(self, robot: RobotSummary, signal: Channel) -> Parameters:
+    def propose_at(self, robot: RobotSummary, signal: Channel) -> Proposal | None:
         step = signal.quantum
-        return (self.bound("step", signal, low=0.0, high=2 * step, scale=0.1 * step),)
-
-    def make_initial_values(self, robot: RobotSummary, signal: Channel) -> Starts:
-        return ((signal.quantum,),)
-
-    def applies_to(self, robot: RobotSummary, signal: Channel) -> bool:
-        return super().applies_to(robot, signal) and signal.quantum > 0
+        if signal.width > 1 or not step > 0:
+            return None
+        p = self.bound("step", (0.0, 2 * step), scale=0.1 * step, at=signal)
+        return Proposal((p,), ((step,),))

@@ -5,6 +5,7 @@ grant. Values that are zero are not fitted.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from types import EllipsisType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,10 +38,14 @@ if TYPE_CHECKING:
     from mujoco import MjModel
 
 # multiplies a value of a compiled model, at a place, by a factor
-Scale = Callable[["MjModel", Any, float], None]
+Scale = Callable[["MjModel", Place, float], None]
 # units of a hinge's values; `convert_unit` gives those of a slide's
-HINGE_UNITS = {"damping": "N m s/rad", "armature": "kg m^2", "frictionloss": "N m",
-               "stiffness": "N m/rad"}  # fmt: skip
+HINGE_UNITS = {
+    "damping": "N m s/rad",
+    "armature": "kg m^2",
+    "frictionloss": "N m",
+    "stiffness": "N m/rad",
+}
 # the contract's bounds, section 2
 MASS_BOUND, LENGTH_BOUND, OTHER_BOUND = 0.15, 0.03, 0.30
 SIDES = ("size_x", "size_y", "size_z")
@@ -106,62 +111,51 @@ class NominalParameter(Effect, ModelEdit[Place]):
 
 
 def _make_term(scale: Scale, target: str, value: float, unit: str, at: Place) -> Term:
-    """The term of a nominal value.
-
-    Args:
-        scale: `scale(model, place, factor)` multiplies it in a compiled model.
-        target: its name ("joint:knee/damping").
-        at: what `scale` acts on.
-    """
+    """The term of a nominal value, named "joint:knee/damping", at a place."""
     reach = relative_bound(target)
     parameter = Parameter("factor", "1", 1.0, 1 - reach, 1 + reach, reach / 3)
-    effect = NominalParameter(scale, value, unit)
+    effect = NominalParameter(scale, float(value), unit)
     return Term(effect, (target,), (at,), (parameter,), ((1.0,),))
 
 
-# ---- multiplying a value in a compiled model, at a place, by a factor
+def _scale_fields(index: str, *fields: tuple[str, int | EllipsisType]) -> Scale:
+    """Multiplies columns of fields of a compiled model.
 
+    Args:
+        index: name of the place's attribute that is the fields' first index.
+        fields: each with its column; an ellipsis stands for all.
+    """
 
-def _scale_dof_field(name: str, count: int = 1) -> Scale:
-    """Multiplies a field of `count` degrees of freedom from the joint's first on."""
-
-    def scale(model: "MjModel", place: JointPlace, factor: float) -> None:
-        getattr(model, name)[place.dof : place.dof + count] *= factor
+    def scale(model: "MjModel", place: Place, factor: float) -> None:
+        for name, column in fields:
+            getattr(model, name)[getattr(place, index), column] *= factor
 
     return scale
 
 
-def _scale_actuator_fields(*columns: tuple[str, int]) -> Scale:
+def _scale_actuator(*columns: tuple[str, int]) -> Scale:
     """Multiplies columns of an actuator's fields ("gainprm", 0)."""
-
-    def scale(model: "MjModel", place: ActuatorPlace, factor: float) -> None:
-        for name, column in columns:
-            getattr(model, f"actuator_{name}")[place.actuator, column] *= factor
-
-    return scale
+    return _scale_fields("actuator", *((f"actuator_{x}", k) for x, k in columns))
 
 
 GAIN, STIFFNESS, DAMPING = ("gainprm", 0), ("biasprm", 1), ("biasprm", 2)
 
 
-def _scale_stiffness(model: "MjModel", place: JointPlace, factor: float) -> None:
-    model.jnt_stiffness[place.joint] *= factor
+def _scale_degrees_of_freedom(field: str, count: int) -> Scale:
+    """Multiplies a field of a joint's degrees of freedom, so many of them."""
+
+    def scale(model: "MjModel", place: Place, factor: float) -> None:
+        assert isinstance(place, JointPlace)  # by `_joint_terms`
+        getattr(model, field)[place.dof : place.dof + count] *= factor
+
+    return scale
 
 
-def _scale_mass(model: "MjModel", place: BodyPlace, factor: float) -> None:
-    model.body_mass[place.body] *= factor
-    model.body_inertia[place.body] *= factor
-
-
-def _scale_inertia(model: "MjModel", place: BodyPlace, factor: float) -> None:
-    model.body_inertia[place.body] *= factor
-
-
-def _scale_second_moment(axis: int) -> Scale:
+def _scale_second_moment(body: int, axis: int) -> Scale:
     """Multiplies a body's second moment along a principal axis, by its number."""
 
-    def scale(model: "MjModel", place: BodyPlace, factor: float) -> None:
-        inertia = model.body_inertia[place.body]
+    def scale(model: "MjModel", place: Place, factor: float) -> None:
+        inertia = model.body_inertia[body]
         more = (factor - 1) * _second_moments(inertia)[axis]
         inertia += more * (np.arange(3) != axis)
 
@@ -169,33 +163,13 @@ def _scale_second_moment(axis: int) -> Scale:
 
 
 def _second_moments(inertia: Floats) -> Floats:
-    """Second moments of mass (3) [kg m^2] along the principal axes.
-
-    Args:
-        inertia: (3) moments about the same axes [kg m^2].
-    """
+    """Second moments of mass (3) [kg m^2] along the axes of inertia (3) [kg m^2]."""
     return inertia.sum() / 2 - inertia
 
 
-def _scale_length(axis: Floats) -> Scale:
+def _scale_length(body: int, axis: Floats) -> Scale:
     """Stretches a body along a unit vector (3) in its frame."""
-
-    def scale(model: "MjModel", place: BodyPlace, factor: float) -> None:
-        stretch_body(model, place.body, axis, factor)
-
-    return scale
-
-
-def _scale_gear(model: "MjModel", place: ActuatorPlace, factor: float) -> None:
-    model.actuator_gear[place.output] *= factor
-
-
-def _scale_friction(model: "MjModel", place: GeomsPlace, factor: float) -> None:
-    for geom in place.geoms:
-        model.geom_friction[geom, 0] *= factor
-
-
-# ---- which values a model states
+    return lambda model, place, factor: stretch_body(model, body, axis, factor)
 
 
 def build_nominal_terms(robot: RobotSummary) -> list[Term]:
@@ -210,12 +184,14 @@ def build_nominal_terms(robot: RobotSummary) -> list[Term]:
 
 def _body_terms(robot: RobotSummary) -> Iterator[Term]:
     """Masses, inertias and lengths of the bodies that move."""
+    scale_mass = _scale_fields("body", ("body_mass", ...), ("body_inertia", ...))
     for body in robot.bodies:
         name, place = f"body:{body.name}", BodyPlace(body=body.id)
-        yield _make_term(_scale_mass, f"{name}/mass", body.mass, "kg", place)
+        yield _make_term(scale_mass, f"{name}/mass", body.mass, "kg", place)
         yield from _inertia_terms(robot.model, body)
         for word, axis, length in _list_lengths(robot, body):
-            yield _make_term(_scale_length(axis), f"{name}/{word}", length, "m", place)
+            scale = _scale_length(body.id, axis)
+            yield _make_term(scale, f"{name}/{word}", length, "m", place)
 
 
 def _inertia_terms(model: "MjModel", body: MovingBody) -> Iterator[Term]:
@@ -227,14 +203,14 @@ def _inertia_terms(model: "MjModel", body: MovingBody) -> Iterator[Term]:
     name, inertia = f"body:{body.name}", model.body_inertia[body.id]
     place = BodyPlace(body=body.id)
     if not (model.jnt_type[model.jnt_bodyid == body.id] <= BALL_JOINT).any():
-        largest, target = float(inertia.max()), f"{name}/inertia"
-        yield _make_term(_scale_inertia, target, largest, "kg m^2", place)
+        scale, target = _scale_fields("body", ("body_inertia", ...)), f"{name}/inertia"
+        yield _make_term(scale, target, inertia.max(), "kg m^2", place)
         return
     moments = _second_moments(inertia)
     for axis, (word, value) in enumerate(zip(MOMENTS, moments, strict=True)):
         if value > MIN_SECOND_MOMENT_SHARE * moments.max():
-            scale, target = _scale_second_moment(axis), f"{name}/{word}"
-            yield _make_term(scale, target, float(value), "kg m^2", place)
+            scale = _scale_second_moment(body.id, axis)
+            yield _make_term(scale, f"{name}/{word}", value, "kg m^2", place)
 
 
 def _list_lengths(
@@ -256,98 +232,91 @@ def _list_lengths(
 
 
 def _joint_terms(model: "MjModel") -> Iterator[Term]:
-    """Damping, armature, dry friction and stiffness of hinges, slides and balls."""
-    for j in np.flatnonzero(model.jnt_type > BALL_JOINT).tolist():
-        unit = "m" if model.jnt_type[j] == SLIDE else "rad"
-        fields = {name: convert_unit(u, unit) for name, u in HINGE_UNITS.items()}
-        yield from _state_joint(model, j, fields, 1)
-    for j in np.flatnonzero(model.jnt_type == BALL_JOINT).tolist():
-        fields = {k: u for k, u in HINGE_UNITS.items() if k != "frictionloss"}
-        yield from _state_joint(model, j, fields, 3)
+    """Damping, armature, dry friction and stiffness of hinges and slides, then balls.
 
-
-def _state_joint(
-    model: "MjModel", joint: int, fields: Mapping[str, str], count: int
-) -> Iterator[Term]:
-    """What the model states of a joint: the same along its axes, so many of them."""
-    target, place = (
-        f"joint:{model.joint(joint).name or joint}",
-        joint_place(model, joint),
-    )
-    for field, unit in fields.items():
-        if field == "stiffness":
-            scale: Scale = _scale_stiffness
-            value = model.jnt_stiffness[joint]
-        else:
-            scale = _scale_dof_field(f"dof_{field}", count)
-            value = getattr(model, f"dof_{field}")[place.dof]
-        if value:
-            yield _make_term(scale, f"{target}/{field}", float(value), unit, place)
+    Along a ball's axes they are the same.
+    """
+    joints = np.flatnonzero(model.jnt_type >= BALL_JOINT).tolist()
+    for j in sorted(joints, key=lambda j: bool(model.jnt_type[j] == BALL_JOINT)):
+        is_ball, place = model.jnt_type[j] == BALL_JOINT, joint_place(model, j)
+        for field, hinge_unit in HINGE_UNITS.items():
+            if field == "stiffness":
+                scale = _scale_fields("joint", ("jnt_stiffness", ...))
+                value = model.jnt_stiffness[j]
+            else:
+                scale = _scale_degrees_of_freedom(f"dof_{field}", 3 if is_ball else 1)
+                value = getattr(model, f"dof_{field}")[place.dof]
+            if value and not (is_ball and field == "frictionloss"):
+                target = f"joint:{model.joint(j).name or j}/{field}"
+                unit = "m" if model.jnt_type[j] == SLIDE else "rad"
+                unit = convert_unit(hinge_unit, unit)
+                yield _make_term(scale, target, value, unit, place)
 
 
 def _actuator_terms(robot: RobotSummary) -> Iterator[Term]:
     """Gains, gears and time constants of actuators whose law MJCF states by these."""
     for a in robot.actuators:
-        if has_affine_force(robot.model, a.id):
-            yield from _affine_terms(robot.model, a)
-        elif is_pid(robot.model, a.id):
-            yield from _pid_terms(robot.model, a)
+        place = actuator_place(robot.model, a.id)
+        if is_pid(robot.model, a.id):
+            values = _list_pid_values(robot.model, a)
+        else:
+            values = _list_affine_values(robot.model, a, place)
+        for field, value, unit, scale in values:
+            yield _make_term(scale, f"actuator:{a.name}/{field}", value, unit, place)
 
 
-def _pid_terms(model: "MjModel", a: Actuator) -> Iterator[Term]:
-    """What the model states of one <pid>: its gains."""
-    place, stiffness = actuator_place(model, a.id), f"{a.force}/{a.unit}"
-    _, kp, kv = -model.actuator_biasprm[a.id, :3]
+def _list_pid_values(
+    model: "MjModel", a: Actuator
+) -> Iterator[tuple[str, float, str, Scale]]:
+    """Gains of a <pid>: the name, value, unit and scale of each."""
+    stiffness, (_, kp, kv) = f"{a.force}/{a.unit}", -model.actuator_biasprm[a.id, :3]
     for field, column, value, unit in (
         ("kp", STIFFNESS, kp, stiffness),
         ("kv", DAMPING, kv, f"{a.force} s/{a.unit}"),
         ("ki", GAIN, model.actuator_gainprm[a.id, 0], f"{stiffness}/s"),
     ):
         if value:
-            scale, target = _scale_actuator_fields(column), f"actuator:{a.name}/{field}"
-            yield _make_term(scale, target, float(value), unit, place)
+            yield field, value, unit, _scale_actuator(column)
 
 
-def _affine_terms(model: "MjModel", a: Actuator) -> Iterator[Term]:
-    """What the model states of one actuator: kp or gain, gear, kv, time constant."""
-    name, place = f"actuator:{a.name}", actuator_place(model, a.id)
-
-    def state(field: str, value: float, unit: str, *columns: tuple[str, int]) -> Term:
-        scale = _scale_actuator_fields(*columns) if columns else _scale_gear
-        return _make_term(scale, f"{name}/{field}", float(value), unit, place)
-
+def _list_affine_values(
+    model: "MjModel", a: Actuator, place: ActuatorPlace
+) -> Iterator[tuple[str, float, str, Scale]]:
+    """What states an affine law: the name, value, unit and scale of each; else none."""
+    if not has_affine_force(model, a.id):
+        return
     by_length, by_command = f"{a.force}/{a.unit}", f"{a.force}/ctrl"
     gain, bias = model.actuator_gainprm[a.id, 0], model.actuator_biasprm[a.id]
     speed = bool(gain and bias[2] == -gain and not bias[1])  # <velocity>: one kv
     if not speed and (gain not in (0.0, 1.0) or bias[1]):
         if a.servo:
-            yield state("kp", gain, by_length, GAIN, STIFFNESS)
+            yield "kp", gain, by_length, _scale_actuator(GAIN, STIFFNESS)
         else:
-            yield state("gain", gain, by_command, GAIN)
+            yield "gain", gain, by_command, _scale_actuator(GAIN)
             if bias[1]:  # of another length than the joint's
-                yield state("bias", -bias[1], by_length, STIFFNESS)
+                yield "bias", -bias[1], by_length, _scale_actuator(STIFFNESS)
     gear = float(model.actuator_gear[place.output, 0])
     is_plain_motor = gain == 1.0 and not bias.any() and a.dof >= 0
     if is_plain_motor and abs(gear) == 1.0:  # its strength, which a gear would say
-        yield state("gain", 1.0, by_command, GAIN)
+        yield "gain", 1.0, by_command, _scale_actuator(GAIN)
     elif is_plain_motor and gear:
-        yield state("gear", gear, "1")
+        yield "gear", gear, "1", _scale_fields("output", ("actuator_gear", ...))
     if bias[2]:
         columns = (GAIN, DAMPING) if speed else (DAMPING,)
-        yield state("kv", -bias[2], f"{a.force} s/{a.unit}", *columns)
+        yield "kv", -bias[2], f"{a.force} s/{a.unit}", _scale_actuator(*columns)
     time = float(model.actuator_dynprm[a.id, 0])
     if model.actuator_dyntype[a.id] in DYN_FILTER_TYPES and time:
-        yield state("timeconst", time, "s", ("dynprm", 0))
+        yield "timeconst", time, "s", _scale_actuator(("dynprm", 0))
 
 
 def _geom_terms(robot: RobotSummary) -> Iterator[Term]:
     """Sliding friction where the model states it; MuJoCo's default is no statement."""
-    model = robot.model
+    model, scale = robot.model, _scale_fields("geoms", ("geom_friction", 0))
     if not robot.has_contact:
         return
     is_stated = np.abs(model.geom_friction - DEFAULT_FRICTION).max(axis=1) > 1e-12
     solid = (model.geom_contype | model.geom_conaffinity) > 0
     for g in np.flatnonzero(is_stated & solid).tolist():
-        target = f"geom:{model.geom(g).name or g}/friction"
-        value, place = float(model.geom_friction[g, 0]), GeomsPlace(geoms=(g,))
-        yield _make_term(_scale_friction, target, value, "1", place)
+        target, place = f"geom:{model.geom(g).name or g}", GeomsPlace(geoms=(g,))
+        value = model.geom_friction[g, 0]
+        yield _make_term(scale, f"{target}/friction", value, "1", place)

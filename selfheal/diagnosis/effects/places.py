@@ -1,6 +1,6 @@
 """Where an effect acts: takes a compiled model and a name, gives indices into it."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -50,12 +50,22 @@ class Place:
     is_patched: bool = False
 
     def renumber(self, numbering: Numbering) -> Self:
-        """Give the same place in a model with added joints."""
-        return self
+        """Give the same place in a model with added joints.
+
+        A field that is called, or ends with, `joint`, `dof` or `qpos` is an index; -1
+        stands for none.
+        """
+        new: dict[str, Any] = {
+            name: int(getattr(numbering, kind)[index])
+            for name, index in vars(self).items()
+            if (kind := name.rpartition("_")[2]) in ("joint", "dof", "qpos")
+            and index >= 0
+        }
+        return replace(self, **new)
 
     def extend(self, kind: type[P], **more: Any) -> P:
         """Give the place as one of a subclass, with what that knows more."""
-        return kind(**{f.name: getattr(self, f.name) for f in fields(self)}, **more)
+        return kind(**vars(self), **more)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,15 +83,6 @@ class JointPlace(Place):
     dof: int
     qpos: int
     inertia: float
-
-    def renumber(self, numbering: Numbering) -> Self:
-        """Give the same place in a model with added joints."""
-        return replace(
-            super().renumber(numbering),
-            joint=int(numbering.joint[self.joint]),
-            dof=int(numbering.dof[self.dof]),
-            qpos=int(numbering.qpos[self.qpos]),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,16 +169,6 @@ class ActuatorPlace(ControlsPlace):
     dof: int = -1
     qpos: int = -1
 
-    def renumber(self, numbering: Numbering) -> Self:
-        """Give the same place in a model with added joints."""
-        if self.dof < 0:
-            return super().renumber(numbering)
-        return replace(
-            super().renumber(numbering),
-            dof=int(numbering.dof[self.dof]),
-            qpos=int(numbering.qpos[self.qpos]),
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class BodyPlace(Place):
@@ -263,6 +254,4 @@ def locate_target(model: "MjModel", target: str) -> Place:
         return joint_place(model, element)
     if kind == "actuator":
         return actuator_place(model, element)
-    if kind == "body":
-        return BodyPlace(body=element)
-    return GeomsPlace(geoms=(element,))
+    return BodyPlace(body=element) if kind == "body" else GeomsPlace(geoms=(element,))

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
 from ..data.robot_summary import Joint, RobotSummary, min_stable_inertia
-from .base import Term
 from .by_target import JointEffect
 from .declaration import FindingField
 from .places import LINK, MOTOR, SLIDE, JointPlace, Place, SecondJointPlace
@@ -67,30 +66,20 @@ class SecondJointEffect(
     suffix = ""
     min_inertia_share = 0.01
 
-    def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """One term for each side, motor's and link's, where the encoder may sit.
+    def list_places(self, robot: RobotSummary) -> list[tuple[Joint, Place]]:
+        """Two places of each joint: the encoder may sit at the motor's or link's side.
 
         At the last joint of a body only, as MuJoCo puts a new joint behind the others
         and turns its axis with them. Not where the new joint's name is taken.
         """
+        body, names = robot.model.jnt_bodyid, {j.name for j in robot.joints}
         return [
-            self.make_term(
-                f"joint:{joint.name}",
-                self._extend(self.make_place(robot, joint), joint.name, side),
-                self.make_parameters(robot, joint),
-                self.make_initial_values(robot, joint),
-            )
-            for joint in robot.joints
-            if self.applies_to(robot, joint)
+            (joint, self._extend(place, joint.name, side))
+            for joint, place in super().list_places(robot)
+            if body[joint.id] not in body[joint.id + 1 :]
+            and joint.name + self.suffix not in names
             for side in ((MOTOR, LINK) if joint.measured else (MOTOR,))
         ]
-
-    def applies_to(self, robot: RobotSummary, joint: Joint) -> bool:
-        body = robot.model.jnt_bodyid
-        is_last = body[joint.id] not in body[joint.id + 1 :]
-        return is_last and joint.name + self.suffix not in {
-            j.name for j in robot.joints
-        }
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         name, side = finding["target"].partition(":")[2], finding["measured"]
@@ -98,11 +87,8 @@ class SecondJointEffect(
 
     def _extend(self, place: Place, name: str, side: str) -> SecondJointPlace:
         """The place of a joint of a name, with the encoder at a side."""
-        return place.extend(
-            SecondJointPlace,
-            added_name=name + self.suffix,
-            measured=side,
-        )
+        added = name + self.suffix
+        return place.extend(SecondJointPlace, added_name=added, measured=side)
 
     def is_whole_in_text(self, place: Place) -> bool:
         """Not where the joint is read behind the added one, which MJCF cannot say."""

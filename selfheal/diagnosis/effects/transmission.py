@@ -1,8 +1,8 @@
 """Physics of the transmission between motor and link: inertia, springs, stops, play."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,12 +15,12 @@ from .declaration import (
     USUAL,
     FindingField,
     Parameter,
-    Parameters,
     ParameterSpec,
-    Starts,
+    Proposal,
+    start_beside,
 )
 from .friction import torque_scale
-from .places import JointPlace, Numbering, Place, joint_place, locate_target
+from .places import JointPlace, Place, joint_place, locate_target
 from .protocols import JointForce, ModelEdit, StepState
 from .second_joint import SecondJointEffect
 
@@ -56,24 +56,14 @@ class Armature(TransmissionEffect, ModelEdit[JointPlace]):
     log_odds = USUAL
     overrides = ("armature",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
         now = float(robot.model.dof_armature[joint.dof])
         # behind a gear of 200 a rotor weighs hundreds of times as much as a light link;
         # a wrist may have the drive of a shoulder
         alike = [j.inertia for j in robot.joints if j.unit == joint.unit]
         high, scale = now * 10 + 300 * max(alike), 0.3 * joint.inertia
-        return (
-            self.bound("armature", joint, nominal=now, low=0.0, high=high, scale=scale),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        (p,) = self.make_parameters(robot, joint)
-        return (
-            (p.nominal + 0.3 * p.scale,),
-            (p.nominal + 2 * p.scale,),
-            (p.nominal + 100 * p.scale,),
-            (p.nominal / 2,),
-        )
+        p = self.bound("armature", (0.0, high), scale=scale, at=joint, nominal=now)
+        return Proposal((p,), (*start_beside((p,), 0.3, 2, 100), (now / 2,)))
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         model.dof_armature[place.dof] = values[0]
@@ -94,33 +84,24 @@ class JointSpring(TransmissionEffect, ModelEdit[JointPlace]):
     )
     overrides = ("stiffness",)
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        scale = 0.2 * joint.torque / joint.range
-        high = 10 * torque_scale(robot, joint) / joint.range
-        reach = 5 * joint.range + 1
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        range_, middle = joint.range, joint.range_center
         now = float(robot.model.jnt_stiffness[joint.id])
         ref = float(robot.model.qpos_spring[joint.qpos])
-        first = min(ref, joint.range_center) - reach
-        last = max(ref, joint.range_center) + reach
-        most, known = high + 10 * now, SPRINGREF_RESOLUTION * joint.range
-        return (
-            self.bound(
-                "stiffness", joint, nominal=now, low=0.0, high=most, scale=scale
-            ),
-            self.bound(
-                "springref", joint, nominal=ref, low=first, high=last, scale=known
-            ),
+        scale = 0.2 * joint.torque / range_
+        most = 10 * torque_scale(robot, joint) / range_ + 10 * now
+        reach, known = 5 * range_ + 1, SPRINGREF_RESOLUTION * range_
+        ends = (min(ref, middle) - reach, max(ref, middle) + reach)
+        parameters = (
+            self.bound("stiffness", (0.0, most), scale=scale, at=joint, nominal=now),
+            self.bound("springref", ends, scale=known, at=joint, nominal=ref),
         )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        stiffness, ref = self.make_parameters(robot, joint)
-        k = stiffness.nominal + stiffness.scale
-        ends = (joint.range_center + joint.range, joint.range_center - joint.range)
         # a spring too stiff becomes softer in a few steps; one too soft puts its
         # reference so far off that it takes many to become stiffer
-        stiff = stiffness.nominal + STIFFER_START * stiffness.scale
-        soft = tuple((k, q) for q in (ref.nominal, *ends))
-        return (*soft, (stiff, ref.nominal), (stiff, joint.range_center))
+        soft, stiff = now + scale, now + STIFFER_START * scale
+        references = (ref, middle + range_, middle - range_)
+        starts = [*((soft, q) for q in references), (stiff, ref), (stiff, middle)]
+        return Proposal(parameters, tuple(starts))
 
     def edit_model(self, model: "MjModel", place: JointPlace, values: Floats) -> None:
         model.jnt_stiffness[place.joint] = values[0]
@@ -141,36 +122,26 @@ class Cogging(TransmissionEffect, JointForce[JointPlace]):
     )
     log_odds = SELDOM
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        scale, high = 0.1 * joint.torque, 3 * torque_scale(robot, joint)
-        least, apart = self._count_bounds(joint)
-        few, many, step = 2.5 * least, 50 * least, 0.5 * apart
-        return (
-            self.bound("amplitude", joint, low=0.0, high=high, scale=scale),
-            self.bound("poles", nominal=few, low=least, high=many, scale=step),
-            # an angle of the wave, also at a slide
-            self.bound("phase", low=-10.0, high=10.0, scale=0.5),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        a = 0.01 * joint.torque  # small, so that the answer is linear
-        least, apart = self._count_bounds(joint)
-        apart = max(1.0, apart) if joint.unit == "rad" else apart
-        few, many = 5 * least, 12.5 * least
-        counts = np.append(
-            np.arange(least, few, apart), np.arange(few, many, 2 * apart)
-        )
-        return tuple((a, n, p) for n in counts.tolist() for p in (0.0, np.pi / 2))
-
-    @staticmethod
-    def _count_bounds(joint: Joint) -> tuple[float, float]:
-        """The fewest poles, and the step to the next count that is tried.
-
-        Two waves of neighboring counts part by two radians within the joint's range.
-        """
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        torque, most = joint.torque, 3 * torque_scale(robot, joint)
+        # two waves of neighboring counts part by two radians within the joint's range
         apart = 2.0 / max(joint.range, 0.05)
-        least = MIN_PERIODS_OF_SLIDE * np.pi * apart
-        return MIN_POLES if joint.unit == "rad" else least, apart
+        turns = joint.unit == "rad"
+        least = MIN_POLES if turns else MIN_PERIODS_OF_SLIDE * np.pi * apart
+        parameters = (
+            self.bound("amplitude", (0.0, most), scale=0.1 * torque, at=joint),
+            self.bound(
+                "poles", (least, 50 * least), scale=0.5 * apart, nominal=2.5 * least
+            ),
+            # an angle of the wave, also at a slide
+            self.bound("phase", (-10.0, 10.0), scale=0.5),
+        )
+        few, many = 5 * least, 12.5 * least
+        step = max(1.0, apart) if turns else apart
+        counts = [*np.arange(least, few, step), *np.arange(few, many, 2 * step)]
+        a = 0.01 * torque  # small, so that the answer is linear
+        starts = tuple((a, float(n), p) for n in counts for p in (0.0, np.pi / 2))
+        return Proposal(parameters, starts)
 
     def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         # at its lowest frequency it is a bend within the range, of another effect
@@ -195,14 +166,6 @@ class CoupledPlace(JointPlace):
     other: str
     other_dof: int
     other_qpos: int
-
-    def renumber(self, numbering: Numbering) -> Self:
-        """Give the same place in a model with added joints."""
-        return replace(
-            super().renumber(numbering),
-            other_dof=int(numbering.dof[self.other_dof]),
-            other_qpos=int(numbering.qpos[self.other_qpos]),
-        )
 
 
 class JointCoupling(Effect, JointForce[CoupledPlace]):
@@ -236,13 +199,13 @@ class JointCoupling(Effect, JointForce[CoupledPlace]):
         scale = 0.2 * min(torque_scale(robot, j) / j.range for j in (a, b))
         high = 10 * torque_scale(robot, a) / a.range
         parameters = (
-            self.bound("stiffness", a, low=0.0, high=high, scale=scale),
-            self.bound("ratio", low=-5.0, high=5.0, scale=0.3),
+            self.bound("stiffness", (0.0, high), scale=scale, at=a),
+            self.bound("ratio", (-5.0, 5.0), scale=0.3),
         )
         place = _couple(joint_place(robot.model, a.id), f"joint:{b.name}", b)
         sizes = (min(k * scale, high) for k in (0.2, 2.0, 15.0))
         starts = tuple((size, ratio) for size in sizes for ratio in (1.0, -1.0))
-        return self.make_term(f"joint:{a.name}", place, parameters, starts)
+        return self.make_term(f"joint:{a.name}", place, Proposal(parameters, starts))
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         other = locate_target(model, finding["other"])
@@ -296,13 +259,11 @@ class Backlash(SecondJointEffect):
     # compared between 0.001 and 0.01: changes least where the gap is shut
     min_inertia_share = 0.003
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
-        scale = 0.03 * joint.range
-        return (self.bound("gap", joint, low=0.0, high=joint.range, scale=scale),)
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
+        reach = joint.range
+        p = self.bound("gap", (0.0, reach), scale=0.03 * reach, at=joint)
         # a gap twice as wide as the true one explains as little as none
-        return tuple((share * joint.range,) for share in (0.003, 0.008, 0.02, 0.05))
+        return Proposal((p,), tuple((s * reach,) for s in (0.003, 0.008, 0.02, 0.05)))
 
     def joint_attributes(
         self, model: "MjModel", values: Floats
@@ -331,15 +292,16 @@ class Compliance(SecondJointEffect):
     )
     suffix = "_flex"
 
-    def make_parameters(self, robot: RobotSummary, joint: Joint) -> Parameters:
+    def propose_at(self, robot: RobotSummary, joint: Joint) -> Proposal:
         most = self._max_stiffness(robot, joint)
         damped = most * robot.timestep  # stops all that the joint does in one step
         k = min(joint.torque / (0.03 * joint.range), most / 5)
         d = min(0.3 * np.sqrt(k * joint.inertia), damped / 5)
-        return (
-            self.bound("stiffness", joint, low=0.02 * k, high=most, scale=k),
-            self.bound("damping", joint, nominal=d, low=0.0, high=damped, scale=d),
+        parameters = (
+            self.bound("stiffness", (0.02 * k, most), scale=k, at=joint),
+            self.bound("damping", (0.0, damped), scale=d, at=joint, nominal=d),
         )
+        return Proposal(parameters, ((k, d), (0.3 * k, d), (5 * k, d)))
 
     def _max_stiffness(self, robot: RobotSummary, joint: Joint) -> float:
         """Stiffness [N m/rad or N/m] at which the joint swings once in six steps.
@@ -350,10 +312,6 @@ class Compliance(SecondJointEffect):
         link = joint.inertia - float(robot.model.dof_armature[joint.dof])
         link = max(link, self.min_inertia_share * joint.inertia)
         return motor * link / (motor + link) / robot.timestep**2
-
-    def make_initial_values(self, robot: RobotSummary, joint: Joint) -> Starts:
-        k, d = (p.scale for p in self.make_parameters(robot, joint))
-        return ((k, d), (0.3 * k, d), (5 * k, d))
 
     def joint_attributes(
         self, model: "MjModel", values: Floats

@@ -13,7 +13,7 @@ from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from .base import Term
 from .by_target import WorldEffect
-from .declaration import SELDOM, FindingField, Parameter, ParameterSpec
+from .declaration import SELDOM, FindingField, Parameter, ParameterSpec, Proposal
 from .places import GeomsPlace, Place
 from .protocols import ModelEdit
 
@@ -53,31 +53,29 @@ class Slope(WorldEffect, ModelEdit[Place]):
         ParameterSpec("azimuth", "rad", nominal=0.0),  # downhill, from +x towards +y
     )
     finding_fields = (FindingField("side", (1, -1), is_required=False),)
+    place_type = SlopePlace
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """One term of any azimuth, or two of a robot whose parts move in one plane."""
         if not np.linalg.norm(robot.model.opt.gravity):
             return []
-        tilt = self.bound("tilt", low=0.0, high=MAX_TILT, scale=0.03)
+        tilt = self.bound("tilt", (0.0, MAX_TILT), scale=0.03)
         plane = _find_plane_azimuths(robot.model)
         if plane is None:
-            azimuth = self.bound("azimuth", low=-10.0, high=10.0, scale=0.5)
+            azimuth = self.bound("azimuth", (-10.0, 10.0), scale=0.5)
             turns = np.deg2rad((0, 90, 180, -90))
             starts = tuple((0.05, float(a)) for a in turns)
-            return [self.make_term("world", SlopePlace(), (tilt, azimuth), starts)]
+            proposal = Proposal((tilt, azimuth), starts)
+            return [self.make_term("world", SlopePlace(), proposal)]
         # across its plane a slope would only seem to weaken the gravity
         found = []
         for side, a in enumerate(plane):
-            low, high = a - TILT_TOLERANCE, a + TILT_TOLERANCE
-            azimuth = self.bound(
-                "azimuth", nominal=a, low=low, high=high, scale=TILT_TOLERANCE
-            )
-            place, starts = SlopePlace(side=1 - 2 * side), ((0.05, a),)
-            found.append(self.make_term("world", place, (tilt, azimuth), starts))
+            bounds = (a - TILT_TOLERANCE, a + TILT_TOLERANCE)
+            azimuth = self.bound("azimuth", bounds, scale=TILT_TOLERANCE, nominal=a)
+            proposal = Proposal((tilt, azimuth), ((0.05, a),))
+            place = SlopePlace(side=1 - 2 * side)
+            found.append(self.make_term("world", place, proposal))
         return found
-
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
-        return SlopePlace(side=finding.get("side"))
 
     def is_consistent(self, parameters: Sequence[Parameter], values: Floats) -> bool:
         return bool(values[0] < 0.99 * MAX_TILT)  # else it stands for another effect
@@ -158,11 +156,9 @@ class FluidDrag(WorldEffect, ModelEdit[FluidPlace]):
     def _make_term(
         self, name: str, now: float, high: float, starts: Sequence[float]
     ) -> Term:
-        parameter = self.bound(
-            name, nominal=float(now), low=0.0, high=high, scale=starts[1]
-        )
-        place, each = FluidPlace(field=name), tuple((s,) for s in starts)
-        return self.make_term("world", place, (parameter,), each)
+        p = self.bound(name, (0.0, high), scale=starts[1], nominal=float(now))
+        proposal = Proposal((p,), tuple((s,) for s in starts))
+        return self.make_term("world", FluidPlace(field=name), proposal)
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         return FluidPlace(field=finding["parameters"][0]["name"])
@@ -188,14 +184,12 @@ class Wind(WorldEffect, ModelEdit[Place]):
         speed, wind = _terminal_speed(robot), robot.model.opt.wind
         most = max(50.0, speed)
         axes = tuple(
-            self.bound(
-                "v" + x, nominal=float(wind[i]), low=-most, high=most, scale=0.1 * speed
-            )
-            for i, x in enumerate("xyz")
+            self.bound("v" + x, (-most, most), scale=0.1 * speed, nominal=float(now))
+            for x, now in zip("xyz", wind, strict=True)
         )
         starts = np.kron([[0.05], [0.5]], speed * np.eye(3)[:2])
-        values = tuple(map(tuple, starts.tolist()))
-        return [self.make_term("world", Place(), axes, values)]
+        proposal = Proposal(axes, tuple(map(tuple, starts.tolist())))
+        return [self.make_term("world", Place(), proposal)]
 
     def edit_model(self, model: "MjModel", place: Place, values: Floats) -> None:
         model.opt.wind[:] = values
@@ -290,11 +284,10 @@ class GroundFriction(GroundEffect, ModelEdit[GeomsPlace]):
             return []
         sides = _find_deciding_sides(robot.model, place)
         now = _largest_friction(robot.model, sides)
-        parameter = self.bound(
-            "friction", nominal=now, low=0.0, high=max(5.0, 2 * now), scale=0.2
-        )
+        bounds = (0.0, max(5.0, 2 * now))
+        p = self.bound("friction", bounds, scale=0.2, nominal=now)
         starts = ((0.1,), (0.3,), (0.6,), (1.5,))
-        return [self.make_term("world", place, (parameter,), starts)]
+        return [self.make_term("world", place, Proposal((p,), starts))]
 
     def edit_model(self, model: "MjModel", place: GeomsPlace, values: Floats) -> None:
         sides = _find_deciding_sides(model, place)
@@ -337,25 +330,14 @@ class GroundCompliance(GroundEffect, ModelEdit[GeomsPlace]):
             return []
         time, ratio = map(float, _mean_solref(robot.model, sides))
         least = 2 * robot.timestep  # MuJoCo computes no shorter one
+        most = max(0.3, 2 * time), max(5.0, 2 * ratio)
         parameters = (
-            self.bound(
-                "timeconst",
-                nominal=time,
-                low=least,
-                high=max(0.3, 2 * time),
-                scale=0.005,
-            ),
-            self.bound(
-                "dampratio",
-                nominal=ratio,
-                low=0.02,
-                high=max(5.0, 2 * ratio),
-                scale=0.1,
-            ),
+            self.bound("timeconst", (least, most[0]), scale=0.005, nominal=time),
+            self.bound("dampratio", (0.02, most[1]), scale=0.1, nominal=ratio),
         )
         shares = ((1.0, 0.3), (0.5, 0.1), (2.5, 0.5), (3.0, 1.0))
         starts = tuple((max(a * time, least), b * ratio) for a, b in shares)
-        return [self.make_term("world", place, parameters, starts)]
+        return [self.make_term("world", place, Proposal(parameters, starts))]
 
     def edit_model(self, model: "MjModel", place: GeomsPlace, values: Floats) -> None:
         sides = _find_deciding_sides(model, place)

@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 
 from ...recording import find_joint, find_output
 from ...recording.actuator_laws import find_goal, find_speed_goal, has_affine_force
-from ..effects.limits import stated_limit
+from ..effects.limits import find_nominal_limit
 from .schema import Document, Finding
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ def _find_effort_limit(
 ) -> float | None:
     """The largest effort at a joint; None where nothing limits it."""
     if own:
-        limit = stated_limit(model, own[0])
+        limit = find_nominal_limit(model, own[0])
     elif model.jnt_actfrclimited[j]:
         limit = float(np.abs(model.jnt_actfrcrange[j]).max())
     else:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import find_effect
-from selfheal.diagnosis.effects.limits import stated_limit
+from selfheal.diagnosis.effects.limits import find_nominal_limit
 from selfheal.diagnosis.output.document import list_parameters
 from tests.support.effect_robots import (
     find_elbow_term,
@@ -70,7 +70,7 @@ def test_a_motor_may_give_more_than_its_ranges_say(stated, field, tmp_path):
     motor = f'<motor name="servo" joint="hinge" gear="2" {stated}/>'
     b = make_pendulum(tmp_path, **{servo: motor})
     (term,) = find_effect("torque_saturation").propose_terms(b.robot)
-    now = stated_limit(b.robot.model, 0)
+    now = find_nominal_limit(b.robot.model, 0)
     assert term.parameters[0].nominal == now == (4 if "ctrl" in field else 6)
     text = write_patch_text(b, (term,), np.array([2 * now]))
     for new in (_edit(b, term, 2 * now), mujoco.MjModel.from_xml_string(text)):

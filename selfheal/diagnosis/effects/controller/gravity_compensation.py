@@ -10,7 +10,7 @@ from ....recording.data import Floats
 from ...data.robot_summary import RobotSummary
 from ..base import Term
 from ..by_target import WorldEffect
-from ..declaration import UNUSUAL, USUAL, ParameterSpec
+from ..declaration import UNUSUAL, USUAL, ParameterSpec, Proposal
 from ..places import Place
 from ..protocols import ModelEdit
 
@@ -64,19 +64,17 @@ class GravityCompensation(WorldEffect, ModelEdit[BodiesPlace]):
         if not bodies or not _bear_motors_all(model, bodies):
             return []
         now = float(model.body_gravcomp[bodies[0]])
-        parameter = self.bound(
-            "gravcomp", nominal=now, low=0.0, high=MAX_GRAVCOMP, scale=0.3,
+        p = self.bound(
+            "gravcomp",
+            (0.0, MAX_GRAVCOMP),
+            scale=0.3,
+            nominal=now,
             resolution=MIN_CHANGE,
-        )  # fmt: skip
-        return [
-            self.make_term(
-                "world",
-                BodiesPlace(bodies=bodies),
-                (parameter,),
-                ((1.0 if now < 0.5 else 0.0,),),
-                USUAL if len(bodies) >= MIN_USUAL_BODIES else UNUSUAL,
-            )
-        ]
+        )
+        starts = ((1.0 if now < 0.5 else 0.0,),)
+        odds = USUAL if len(bodies) >= MIN_USUAL_BODIES else UNUSUAL
+        place = BodiesPlace(bodies=bodies)
+        return [self.make_term("world", place, Proposal((p,), starts, odds))]
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         return BodiesPlace(bodies=find_compensated_bodies(model))

@@ -1,8 +1,6 @@
 """What a servo does with its command: it sums its error, leads its goal, or waits."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,15 +19,11 @@ from ..commands import SAME_INSTANT_STEPS, CommandGrid, change_columns
 from ..declaration import (
     SELDOM,
     FindingField,
-    Parameters,
     ParameterSpec,
-    Starts,
+    Proposal,
 )
-from ..places import ActuatorPlace, Place
+from ..places import ActuatorPlace
 from ..protocols import CommandFilter, JointForce, StepState
-
-if TYPE_CHECKING:
-    from mujoco import MjModel
 
 # [s] over which a servo takes the slope of its goal; chosen: a sample of commands at
 # 50 Hz, which a grid of steps repeats
@@ -49,20 +43,17 @@ class VelocityFeedforward(ActuatorEffect, CommandFilter[ActuatorPlace]):
     phrase = "{at} feeds the speed of its goal forward, {lead} of it"
     parameters = (ParameterSpec("lead", "s", nominal=0.0, nonnegative=True),)
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        least = SAME_INSTANT_STEPS * robot.timestep
-        return (self.bound("lead", low=0.0, high=0.5, scale=0.01, resolution=least),)
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        """That which undoes the servo's own damping."""
-        stiffness, damping = -robot.model.actuator_biasprm[actuator.id, 1:3]
-        return ((float(damping / stiffness) or 0.02,),)
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
+        """Begin with that which undoes the servo's own damping."""
         model, a = robot.model, actuator.id
-        is_position = find_goal(model, a) >= 0 and has_affine_force(model, a)
         same = sum(other.dof == actuator.dof for other in robot.actuators)
-        return is_position and (actuator.dof < 0 or same == 1)
+        is_only = actuator.dof < 0 or same == 1
+        if find_goal(model, a) < 0 or not has_affine_force(model, a) or not is_only:
+            return None
+        least = SAME_INSTANT_STEPS * robot.timestep
+        lead = self.bound("lead", (0.0, 0.5), scale=0.01, resolution=least)
+        stiffness, damping = -model.actuator_biasprm[a, 1:3]
+        return Proposal((lead,), ((float(damping / stiffness) or 0.02,),))
 
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
@@ -93,24 +84,20 @@ class DeadBand(ActuatorEffect, JointForce[ActuatorPlace]):
     log_odds = SELDOM
     needs = frozenset({"gainprm", "biasprm", "actuator_length"})
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        most = actuator.max_force
-        return (self.bound("width", actuator, low=0.0, high=most, scale=0.1 * most),)
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        return tuple((share * actuator.max_force,) for share in (0.03, 0.15))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
         model, a = robot.model, actuator.id
         is_motor = not model.actuator_biasprm[a, :3].any()
-        asked = is_motor or find_goal(model, a) >= 0
-        return bool(
-            asked
+        if not (
+            (is_motor or find_goal(model, a) >= 0)
             and has_affine_force(model, a)
             and model.actuator_dyntype[a] == NO_DYNAMICS
             and model.actuator_gaintype[a] == 0
             and model.actuator_gainprm[a, 0]
-        )
+        ):
+            return None
+        most = actuator.max_force
+        width = self.bound("width", (0.0, most), scale=0.1 * most, at=actuator)
+        return Proposal((width,), ((0.03 * most,), (0.15 * most,)))
 
     def apply_forces(
         self, state: StepState, place: ActuatorPlace, values: Floats
@@ -159,47 +146,31 @@ class IntegralAction(ActuatorEffect, JointForce[ActuatorPlace]):
             note=": its sum had settled before each recording began.",
         ),
     )
+    place_type = IntegratorPlace
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
         """Two terms at each servo: its sum begun at 0, or long before the recording."""
         found = super().propose_terms(robot)
         return [*found, *map(_begin_settled, found)]
 
-    def make_parameters(self, robot: RobotSummary, actuator: Actuator) -> Parameters:
-        kp, _ = get_servo_gains(robot.model, actuator.id)
-        most = actuator.max_force
-        return (
-            self.bound("ki", actuator, low=0.0, high=50 * kp, scale=0.3 * kp),
-            self.bound(
-                "imax",
-                actuator,
-                nominal=most,
-                low=0.0,
-                high=10 * most,
-                scale=0.2 * most,
-            ),
-        )
-
-    def make_initial_values(self, robot: RobotSummary, actuator: Actuator) -> Starts:
-        kp, _ = get_servo_gains(robot.model, actuator.id)
-        most = actuator.max_force
-        # the last one is often at its limit: from a limit that is never met no slope
-        # of the error leads there
-        return ((0.5 * kp, most), (5 * kp, 0.5 * most), (2 * kp, 0.1 * most))
-
-    def applies_to(self, robot: RobotSummary, actuator: Actuator) -> bool:
+    def propose_at(self, robot: RobotSummary, actuator: Actuator) -> Proposal | None:
         # the sum of the readings is in the joint's unit, as the error without a gear
         model, a = robot.model, actuator.id
         ungeared = model.actuator_gear[find_output(model, a), 0] == 1
         has_own = is_pid(model, a) and model.actuator_gainprm[a, 0] > 0
-        return actuator.servo and actuator.measured and ungeared and not has_own
-
-    def make_place(self, robot: RobotSummary, actuator: Actuator) -> IntegratorPlace:
-        return super().make_place(robot, actuator).extend(IntegratorPlace)
-
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
-        place = super().find_place(model, finding)
-        return place.extend(IntegratorPlace, begins=finding.get("begins"))
+        if not (actuator.servo and actuator.measured and ungeared) or has_own:
+            return None
+        (kp, _), most = get_servo_gains(model, a), actuator.max_force
+        parameters = (
+            self.bound("ki", (0.0, 50 * kp), scale=0.3 * kp, at=actuator),
+            self.bound(
+                "imax", (0.0, 10 * most), scale=0.2 * most, at=actuator, nominal=most
+            ),
+        )
+        # the last one is often at its limit: from a limit that is never met no slope
+        # of the error leads there
+        shares = ((0.5, 1), (5, 0.5), (2, 0.1))
+        return Proposal(parameters, tuple((i * kp, m * most) for i, m in shares))
 
     def apply_forces(
         self, state: StepState, place: ActuatorPlace, values: Floats
@@ -224,7 +195,7 @@ def _begin_settled(term: Term) -> Term:
     ki, most = term.parameters
     parameters = replace(ki, resolution=INTEGRAL_GAIN_RESOLUTION * ki.scale), most
     (place,) = term.places
-    assert isinstance(place, IntegratorPlace)  # by `make_place`
+    assert isinstance(place, IntegratorPlace)  # by `place_type`
     return replace(
         term, places=(replace(place, begins=SETTLED),), parameters=parameters
     )

@@ -17,7 +17,7 @@ from ..commands import (
     change_columns,
     delay_column,
 )
-from ..declaration import SELDOM, ParameterSpec
+from ..declaration import SELDOM, ParameterSpec, Proposal
 from ..places import ControlsPlace, Place, SignalPlace
 from ..protocols import CommandFilter, ModelEdit, SensorMap
 
@@ -49,12 +49,10 @@ class ClockShift(WorldEffect, CommandFilter[ControlsPlace]):
             return []
         least = SAME_INSTANT_STEPS * robot.timestep
         least = max(robot.contact_timing_error, least)
-        parameter = self.bound(
-            "shift", low=-MAX_LOOK_AHEAD, high=MAX_LOOK_AHEAD, scale=0.01,
-            resolution=least,
-        )  # fmt: skip
+        bounds = (-MAX_LOOK_AHEAD, MAX_LOOK_AHEAD)
+        p = self.bound("shift", bounds, scale=0.01, resolution=least)
         starts = ((0.005,), (0.02,), (0.06,), (-0.02,))
-        return [self.make_term("world", place, (parameter,), starts)]
+        return [self.make_term("world", place, Proposal((p,), starts))]
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         return ControlsPlace(controls=tuple(range(model.nu)))
@@ -93,9 +91,9 @@ class TorqueConstant(WorldEffect, ModelEdit[SignalPlace], SensorMap[SignalPlace]
         affine = [has_affine_force(model, a) for a in range(model.nactuator)]
         if not (affine and all(affine) and (len(affine) > 1 or reported)):
             return []
-        parameter = self.bound("gain", low=0.1, high=10.0, scale=0.2)
-        place, starts = SignalPlace(kind=TORQUE_SIGNAL), ((0.7,), (1.4,))
-        return [self.make_term("world", place, (parameter,), starts)]
+        p = self.bound("gain", (0.1, 10.0), scale=0.2)
+        proposal = Proposal((p,), ((0.7,), (1.4,)))
+        return [self.make_term("world", SignalPlace(kind=TORQUE_SIGNAL), proposal)]
 
     def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
         return SignalPlace(kind=TORQUE_SIGNAL)
