@@ -3,8 +3,7 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from .effects import load_catalogue
 from .effects.base import Onset, Term
 from .effects.nominal import build_nominal_terms
 from .estimation.problem import (
-    Problem,
     build_longer_problems,
     build_problem,
     check_enough_segments,
@@ -35,26 +33,17 @@ from .selection.holdout import (
     keep_predictive,
     leave_bounds,
 )
-from .selection.hypotheses import (
-    Hypothesis,
-    finish_early,
-    name_effects,
-    start_search,
-)
+from .selection.hypotheses import finish_early, name_effects, start_search
 from .selection.quantization import name_quantization
 from .selection.refine import refine_hypothesis
 from .selection.replay_scores import HeldOutScores, explainable_removed
 from .selection.search_record import Progress, SearchRecord
 from .selection.search_state import SearchState
-from .selection.stated_values import (
-    hold_stated,
-    round_effects,
-)
-from .selection.structure import RemainingStructure, analyze_remaining
+from .selection.stated_values import hold_stated, round_effects
+from .selection.structure import analyze_remaining
 from .selection.time_left import Stage, TimeLeft
 from .selection.verdict import (
     Outcome,
-    Verdict,
     decide_verdict,
     drop_names,
     explains_too_little,
@@ -63,13 +52,8 @@ from .selection.verdict import (
     predicts_worse,
     removes_too_little,
 )
-from .simulation.cache import OutOfTime
 from .simulation.checks import check_dataset
-from .simulation.dataset import (
-    SHORT_SEGMENT,
-    Dataset,
-    prepare_dataset,
-)
+from .simulation.dataset import SHORT_SEGMENT, Dataset, prepare_dataset
 
 # shares of the time at which search and last fit are stopped; chosen: the tests of what
 # was found take a fifth to a quarter of a whole diagnosis
@@ -107,201 +91,138 @@ def diagnose(
         RecordingError: a recording does not fit it, or is too short or too quiet.
     """
     begun = time.monotonic() if begun is None else begun
-    record = SearchRecord(progress, TimeLeft(begun))
-    start = partial(_start, model, recordings, memory, seed, record, is_over)
-    dataset, problem, rng, state, onset = start(held_out)
+    record = SearchRecord(progress, TimeLeft(begun), is_over)
+
+    def start(held_out: Sequence[str]) -> tuple[_Stages, Onset | None]:
+        """Stages 1 and 2: the recordings, split and checked, and the nominal fit."""
+        record.enter(Stage.READ, "reading")
+        dataset = prepare_dataset(model, recordings, held_out, memory)
+        check_dataset(dataset)
+        if reason := explain_unpatchable(model):
+            what = f"patched.xml will be the model as given: {reason}"
+            record.enter(Stage.READ, what)
+        stages = _Stages(dataset, record, seed)
+        return stages, stages.fit_nominal()
+
+    stages, onset = start(held_out)
     if onset and not held_out:
-        later = choose_held_out_after(onset, recordings, dataset.held_out)
+        later = choose_held_out_after(onset, recordings, stages.dataset.held_out)
         if later:  # what is held out now could not show it
-            dataset, problem, rng, state, onset = start(later)
-    hypothesis = _choose_effects(dataset, problem, state, rng, record, is_over)
-    is_stopped = bool(record.stopped)  # before the search was through
-    effects = {t.effect.name for t in state.candidates}
-    untried = record.list_untried(state.candidates)
-    del state  # each Jacobian of many joints takes as much as the whole program
-    dataset, hypothesis = _fit_last(dataset, hypothesis, record, is_over, findings_only)
-    tested = _test(dataset, hypothesis, is_stopped, record)
-    found = build_diagnosis(dataset, tested, begun)
-    if not record.stopped:
-        return found
-    return found.with_stop(record.stopped, len(effects), untried)
+            stages, _ = start(later)
+    stages.choose_effects()
+    stages.fit_last(findings_only)
+    return stages.test(begun)
 
 
-def _start(
-    model: str | os.PathLike[str],
-    recordings: Sequence[Recording],
-    memory: str | os.PathLike[str] | None,
-    seed: int,
-    record: SearchRecord,
-    is_over: Callable[[float], bool],
-    held_out: Sequence[str],
-) -> tuple[Dataset, Problem, np.random.Generator, SearchState, Onset | None]:
-    """Stages 1 and 2, and what draws segments from then on.
+class _Stages:
+    """Stages 2 to 5 of a diagnosis, and what each leaves to the next.
 
-    Args:
-        model: MJCF or URDF.
-        memory: folder of what was worked out.
-        seed: of the segments of the search.
-        is_over: whether a share of the time is over.
-        held_out: episodes or parts of them kept from the fit.
-    """
-    rng = np.random.default_rng(seed)
-    dataset, problem = _read(model, recordings, held_out, memory, record)
-    state, onset = _fit_nominal(dataset, problem, rng, record, is_over)
-    return dataset, problem, rng, state, onset
+    Where time is over in one of them, what it has found so far.
 
-
-def _read(
-    model: str | os.PathLike[str],
-    recordings: Sequence[Recording],
-    held_out: Sequence[str],
-    memory: str | os.PathLike[str] | None,
-    record: SearchRecord,
-) -> tuple[Dataset, Problem]:
-    """Stage 1: the recordings, split and checked, and the segments to fit."""
-    record.enter(Stage.READ, "reading")
-    dataset = prepare_dataset(model, recordings, held_out, memory)
-    check_dataset(dataset)
-    if reason := explain_unpatchable(model):
-        record.enter(Stage.READ, f"patched.xml will be the model as given: {reason}")
-    problem = build_problem(dataset, SHORT_SEGMENT)
-    check_enough_segments(dataset.training, problem)
-    return dataset, problem
-
-
-def _fit_nominal(
-    dataset: Dataset,
-    problem: Problem,
-    rng: np.random.Generator,
-    record: SearchRecord,
-    is_over: Callable[[float], bool],
-) -> tuple[SearchState, Onset | None]:
-    """Stage 2: the nominal model's values, and since when they do not explain it all.
-
-    Where time is over before they are fitted, the model as it is given.
-
-    Args:
-        rng: draws the segments of the search.
-        is_over: whether a share of the time is over.
+    Attributes:
+        dataset: the recordings; after the last fit with the noise that this tells.
     """
 
-    def start(terms: Sequence[Term]) -> SearchState:
-        """The state in which nothing has a name, and these terms are fitted."""
-        effects = load_catalogue().values()
-        return start_search(problem, dataset.robot, terms, effects, rng=rng)
+    def __init__(self, dataset: Dataset, record: SearchRecord, seed: int) -> None:
+        """`seed`: of the segments of the search."""
+        self.dataset, self._record = dataset, record
+        self._rng = np.random.default_rng(seed)
+        self._problem = build_problem(dataset, SHORT_SEGMENT)
+        check_enough_segments(dataset.training, self._problem)
 
-    state = None
-    record.enter(Stage.NOMINAL, "refitting what the model states")
-    try:
-        with problem.simulator.counter.limit(lambda: is_over(SEARCH_SHARE)):
-            state = start(build_nominal_terms(dataset.robot))
+    def fit_nominal(self) -> Onset | None:
+        """Stage 2: the nominal model's values, and since when they do not explain all.
+
+        The model as it is given, where time is over before they are fitted.
+        """
+        onset, state, record = None, None, self._record
+        record.enter(Stage.NOMINAL, "refitting what the model states")
+        with record.limit(self.dataset.training, SEARCH_SHARE):
+            state = self._start_search(build_nominal_terms(self.dataset.robot))
             onset = None if state.is_explained else detect_change_point(state.best)
-    except OutOfTime:
-        record.stop()
-        return state or start(()), None
-    return state.with_candidates(set_onset(state.candidates, onset)), onset
+        self._state = state or self._start_search(())
+        candidates = set_onset(self._state.candidates, onset)
+        self._state = replace(self._state, candidates=candidates)
+        return onset
 
+    def _start_search(self, terms: Sequence[Term]) -> SearchState:
+        """The state in which nothing has a name, and these terms are fitted."""
+        effects, robot = load_catalogue().values(), self.dataset.robot
+        return start_search(self._problem, robot, terms, effects, self._rng)
 
-def _choose_effects(
-    dataset: Dataset,
-    problem: Problem,
-    state: SearchState,
-    rng: np.random.Generator,
-    record: SearchRecord,
-    is_over: Callable[[float], bool],
-) -> Hypothesis:
-    """Stage 3: a hypothesis of what is missing; held-out episodes choose of several.
+    def choose_effects(self) -> None:
+        """Stage 3: a hypothesis of what is missing; held-out episodes choose."""
+        record, problem, state = self._record, self._problem, self._state
+        longer, found = build_longer_problems(self.dataset, problem), None
+        with record.limit(self.dataset.training, SEARCH_SHARE):
+            found = name_effects(state, problem, longer, self._rng, record)
+        found = found or finish_early(record, state, problem)
+        self._hypothesis = choose_hypothesis(self.dataset.held_out, found)
+        self._is_stopped = bool(record.stopped)
+        self._effects = {t.effect.name for t in state.candidates}
+        self._untried = record.list_untried(state.candidates)
+        # each Jacobian of many joints takes as much as the whole program
+        del self._state
+        record.forget_state()
 
-    Where time is over, what the search found so far.
+    def fit_last(self, findings_only: bool) -> None:
+        """The last fit of the hypothesis, in more and longer segments.
 
-    Args:
-        state: of a search in which nothing has a name.
-        is_over: whether a share of the time is over.
-    """
-    longer = build_longer_problems(dataset, problem)
-    counter = problem.simulator.counter
-    try:
-        with counter.limit(lambda: is_over(SEARCH_SHARE)):
-            found = name_effects(state, problem, longer, rng=rng, record=record)
-    except OutOfTime:
-        record.stop()
-        found = finish_early(record, state, problem)
-    return choose_hypothesis(dataset, found)
+        Args:
+            findings_only: whether it leaves what the model states.
+        """
+        found, record = self._hypothesis, self._record
+        self.dataset = self.dataset.with_noise_of(found.problem.simulator)
+        record.enter(Stage.LAST_FIT, "fitting everything once more")
+        if findings_only:
+            found = self._hypothesis = hold_stated(found)
+        with record.limit(self.dataset.training, FIT_SHARE):
+            refined = refine_hypothesis(self.dataset, found)
+            refined = keep_predictive(self.dataset.held_out, refined, found)
+            self._hypothesis = leave_bounds(self.dataset, refined)
 
+    def test(self, begun: float) -> Diagnosis:
+        """Stages 4 and 5: which names hold in held-out episodes, and the answer.
 
-def _fit_last(
-    dataset: Dataset,
-    hypothesis: Hypothesis,
-    record: SearchRecord,
-    is_over: Callable[[float], bool],
-    findings_only: bool,
-) -> tuple[Dataset, Hypothesis]:
-    """The last fit of a hypothesis; as the search fitted it where time is over.
-
-    Args:
-        record: of the search, whose state goes.
-        is_over: whether a share of the time is over.
-        findings_only: whether the last fit leaves what the model states.
-
-    Returns:
-        The dataset, which knows the noise that the fit tells, and the hypothesis.
-    """
-    record.forget_state()
-    counter = hypothesis.problem.simulator.counter
-    dataset = dataset.with_noise_of(hypothesis.problem.simulator)
-    record.enter(Stage.LAST_FIT, "fitting everything once more")
-    if findings_only:
-        hypothesis = hold_stated(hypothesis)
-    try:
-        with counter.limit(lambda: is_over(FIT_SHARE)):
-            refined = refine_hypothesis(dataset, hypothesis)
-            refined = keep_predictive(dataset, refined, hypothesis)
-            return dataset, leave_bounds(dataset, refined)
-    except OutOfTime:
-        record.stop()
-        return dataset, hypothesis
-
-
-def _test(
-    dataset: Dataset, hypothesis: Hypothesis, is_stopped: bool, record: SearchRecord
-) -> TestedHypothesis:
-    """Stage 4: which names hold in the held-out episodes, and what they leave.
-
-    Args:
-        is_stopped: whether the search was stopped before its end.
-    """
-    record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
-    hypothesis, refuted = drop_refuted(dataset, hypothesis)
-    hypothesis = round_effects(hypothesis)
-    record.enter(Stage.TESTS, "looking for what has no name")
-    structure = analyze_remaining(dataset, hypothesis)
-    if explains_too_little(structure):
-        hypothesis = drop_names(hypothesis)
-    scores = HeldOutScores.compute(dataset, hypothesis)
-    is_worse = bool(hypothesis.named) and (
-        predicts_worse(scores, ("given",)) or is_outdone_by_refit(dataset, scores)
-    )
-    if is_worse or removes_too_little(dataset, hypothesis, scores):
-        # what does not predict where nothing was fitted is no finding
-        refuted = (*refuted, *(n.term.label for n in hypothesis.named))
-        hypothesis = drop_names(hypothesis)
-        scores = HeldOutScores.compute(dataset, hypothesis)
-    if not hypothesis.named and predicts_worse(scores, ("given",)):
-        hypothesis = hold_stated(hypothesis)
-        scores = HeldOutScores.compute(dataset, hypothesis)
-    count, catalogue = len(hypothesis.named), load_catalogue().values()
-    hypothesis = name_quantization(hypothesis, dataset.robot, catalogue)
-    if len(hypothesis.named) > count:
-        scores = scores.with_quantization(dataset, hypothesis)
-    outcome = Outcome(
-        count > 0,
-        len(hypothesis.named) > count,
-        structure.is_significant or is_worse,
-        structure.explained,
-        is_replay_off(dataset, hypothesis, scores),
-        tuple(h.floor_ratio for h in scores.horizons),
-        tuple(explainable_removed(h.numbers) for h in scores.horizons),
-        is_stopped,
-    )
-    verdict = decide_verdict(outcome)
-    return TestedHypothesis(hypothesis, verdict, scores, structure, refuted)
+        Args:
+            begun: `time.monotonic()` [s] when all of it began.
+        """
+        dataset, record = self.dataset, self._record
+        record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
+        found, refuted = drop_refuted(dataset.held_out, self._hypothesis)
+        found = round_effects(found)
+        record.enter(Stage.TESTS, "looking for what has no name")
+        structure = analyze_remaining(dataset, found)
+        if explains_too_little(structure):
+            found = drop_names(found)
+        scores = HeldOutScores.compute(dataset, found)
+        is_worse = bool(found.named) and (
+            predicts_worse(scores) or is_outdone_by_refit(scores)
+        )
+        if is_worse or removes_too_little(scores):
+            # what does not predict where nothing was fitted is no finding
+            refuted = (*refuted, *(n.term.label for n in found.named))
+            scores = HeldOutScores.compute(dataset, drop_names(found))
+        if not scores.hypothesis.named and predicts_worse(scores):
+            scores = HeldOutScores.compute(dataset, hold_stated(scores.hypothesis))
+        count = len(scores.hypothesis.named)
+        found = name_quantization(scores.hypothesis, dataset.robot)
+        if len(found.named) > count:
+            scores = scores.with_quantization(found)
+        verdict = decide_verdict(
+            Outcome(
+                has_names=count > 0,
+                has_quantization=len(found.named) > count,
+                has_structure=structure.is_significant or is_worse,
+                explained=structure.explained,
+                is_replay_off=is_replay_off(scores),
+                floor_ratios=tuple(h.floor_ratio for h in scores.horizons),
+                removed=tuple(explainable_removed(h.numbers) for h in scores.horizons),
+                is_stopped=self._is_stopped,
+            )
+        )
+        tested = TestedHypothesis(found, verdict, scores, structure, refuted)
+        answer = build_diagnosis(dataset, tested, begun)
+        if not record.stopped:
+            return answer
+        return answer.with_stop(record.stopped, len(self._effects), self._untried)

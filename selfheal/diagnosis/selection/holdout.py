@@ -21,6 +21,7 @@ from ..estimation.problem import Problem
 from ..estimation.settings import FIT
 from ..simulation.dataset import Dataset
 from ..simulation.model_variants import split_values
+from ..simulation.simulator import Simulator
 from .hypotheses import Hypothesis, NamedEffect
 from .judge import Judge, compare, is_clearly_better, is_outdone, measure_lead
 from .settings import SELECTION
@@ -30,7 +31,9 @@ from .stated_values import release_bounds
 Tested = tuple[Hypothesis, tuple[str, ...]]
 
 
-def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+def choose_hypothesis(
+    held_out: Simulator, hypotheses: Sequence[Hypothesis]
+) -> Hypothesis:
     """The fewest names that predict held-out episodes within a standard error of best.
 
     The rule of one standard error (Breiman et al. 1984), of paired differences. Where
@@ -40,7 +43,7 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
     if len(hypotheses) == 1:
         return hypotheses[0]
     largest = max(hypotheses, key=lambda h: len(h.named))
-    judge = Judge.build(dataset.held_out, largest.final)
+    judge = Judge.build(held_out, largest.final)
     errors = [judge.log_errors(h.final) for h in hypotheses]
     means = [np.mean([e.mean() for e in each]) for each in errors]
     order = sorted(zip(hypotheses, errors, means, strict=True), key=lambda x: x[2])
@@ -50,7 +53,7 @@ def choose_hypothesis(dataset: Dataset, hypotheses: Sequence[Hypothesis]) -> Hyp
 
 
 def keep_predictive(
-    dataset: Dataset, refined: Hypothesis, searched: Hypothesis
+    held_out: Simulator, refined: Hypothesis, searched: Hypothesis
 ) -> Hypothesis:
     """The last fit, unless the search's predicts held-out episodes better.
 
@@ -63,7 +66,7 @@ def keep_predictive(
     """
     if refined.problem.segments is searched.problem.segments:
         return refined
-    judge = Judge.build(dataset.held_out, refined.final)
+    judge = Judge.build(held_out, refined.final)
     new, old = (judge.log_errors(h.final) for h in (refined, searched))
     return searched if compare(old, new).mean() > 0 else refined
 
@@ -85,7 +88,7 @@ def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, final=released, nominal=nominal)
 
 
-def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
+def drop_refuted(held_out: Simulator, hypothesis: Hypothesis) -> Tested:
     """Keep the names that do no harm in the held-out episodes.
 
     Backward elimination, the worst name first. An equivalent of a name that goes
@@ -93,7 +96,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
     held-out error grows without each.
     """
     refuted: list[str] = []
-    judge = Judge.build(dataset.held_out, hypothesis.final)
+    judge = Judge.build(held_out, hypothesis.final)
     while True:
         harmful, growth = _find_harmful(hypothesis, judge)
         if harmful is None:
@@ -102,11 +105,7 @@ def drop_refuted(dataset: Dataset, hypothesis: Hypothesis) -> Tested:
         refuted.append(name.term.label)
         substitutes, best = try_equivalents(judge, name, less)
         named = [[n] if n is not name else substitutes for n in hypothesis.named]
-        hypothesis = replace(
-            hypothesis,
-            final=best,
-            named=tuple(chain(*named)),
-        )
+        hypothesis = replace(hypothesis, final=best, named=tuple(chain(*named)))
     known = [replace(n, growth=growth[n.term.key]) for n in hypothesis.named]
     known.sort(key=lambda n: -n.growth)
     return replace(hypothesis, named=tuple(known)), tuple(refuted)

@@ -1,7 +1,7 @@
 """Which physics is missing: takes a fit of the nominal model, gives hypotheses."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +12,16 @@ from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
 from ..estimation.problem import Problem
 from .change_point import locate_change_point, set_onset
-from .effect_search import search_effects
-from .lengthening import lengthen_segments
+from .effect_search import EffectSearch
 from .search_record import SearchRecord
-from .search_state import Evidence, SearchState, start_state
+from .search_state import (
+    Evidence,
+    SearchState,
+    lengthen_segments,
+    start_state,
+)
 from .settings import SELECTION
-from .subsampling import draw_segments, find_overlooked_segments, subsample_problem
+from .subsampling import draw_segments, find_overlooked_segments
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,15 +70,12 @@ def start_search(
     robot: RobotSummary,
     nominal_terms: Sequence[Term],
     effects: Iterable[Effect],
-    *,
     rng: np.random.Generator,
 ) -> SearchState:
     """The state of a search in which nothing has a name yet.
 
     Args:
         problem: all segments that may be used.
-        robot: where effects may act.
-        nominal_terms: terms of the nominal model's values.
         rng: draws the segments of the search.
     """
     searched = [effect for effect in effects if not isinstance(effect, Quantization)]
@@ -101,7 +102,6 @@ def name_effects(
     start: SearchState,
     problem: Problem,
     longer: Sequence[Problem],
-    *,
     rng: np.random.Generator,
     record: SearchRecord,
 ) -> list[Hypothesis]:
@@ -120,17 +120,17 @@ def name_effects(
     has_onset = any(t.onset for t in start.candidates)
     if has_onset:  # it is where a segment begins
         longer = longer[:1]
-    longer = [subsample_problem(p, steps, rng) for p in longer]
+    longer = [p.select(draw_segments(p, steps, rng)) for p in longer]
     start = lengthen_segments(start, longer)
     if start.is_complete:
         return [_finish_search(start, problem)]
-    dated: list[SearchState] = []
+    search, dated = EffectSearch(longer, rng, record), list[SearchState]()
     if has_onset:
-        dated = search_effects(start, longer, rng, record)
+        dated = search.run(start)
         if dated[-1].is_explained:
             return [_finish_search(dated[-1], problem)]
-    always = start.with_candidates(set_onset(start.candidates, None))
-    found = search_effects(always, longer, rng, record)
+    always = replace(start, candidates=set_onset(start.candidates, None))
+    found = search.run(always)
     found = found[-1:] if found[-1].is_explained else [*found, *dated[1:]]
     return [_finish_search(state, problem) for state in found]
 
@@ -151,7 +151,7 @@ def finish_early(
 def _finish_search(state: SearchState, whole: Problem) -> Hypothesis:
     """What a search found; `whole` has all segments, to date a change point in."""
     if any(t.onset for t in state.named):
-        state = state.with_fit(locate_change_point(whole, state.best))
+        state = replace(state, best=locate_change_point(whole, state.best))
     terms, fit = state.named, state.best
     nominal = fit_parameters(
         state.problem, *fit.without_terms(*terms), jacobian=fit.jacobian_without(*terms)

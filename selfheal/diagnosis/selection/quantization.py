@@ -1,12 +1,11 @@
 """Quantized signals: takes a fit, gives it with the signals whose noise is rounding."""
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
 from ..data.robot_summary import Channel, RobotSummary
-from ..effects.base import Effect, Term
+from ..effects.base import Term
 from ..effects.measurement import Quantization
 from ..estimation.fit import Fit
 from ..estimation.noise import residual_rms
@@ -15,9 +14,7 @@ from .search_state import Evidence
 from .settings import SELECTION
 
 
-def name_quantization(
-    hypothesis: Hypothesis, robot: RobotSummary, effects: Iterable[Effect]
-) -> Hypothesis:
+def name_quantization(hypothesis: Hypothesis, robot: RobotSummary) -> Hypothesis:
     """Name the signals whose readings are rounded and have little other noise.
 
     The readings alone tell: all of them are multiples of a step q, which is then known
@@ -30,8 +27,7 @@ def name_quantization(
     problem, final = hypothesis.problem, hypothesis.final
     residual = residual_rms(problem, final.residuals) ** 2
     by_name = {c.name: c for c in robot.channels}
-    rounding = [e for e in effects if isinstance(e, Quantization)]
-    for term in (t for e in rounding for t in e.propose_terms(robot)):
+    for term in Quantization().propose_terms(robot):
         channel = by_name[term.targets[0].partition(":")[2]]
         noise, column = float(channel.scatter[0]), channel.first_column
         variance = channel.quantum**2 / 12

@@ -33,23 +33,30 @@ from .settings import SELECTION
 from .stated_values import restore_stated
 from .subsampling import draw_segments
 
-Models = Mapping[str, tuple[tuple[Term, ...], Floats]]
+Models = Mapping[str, tuple[tuple[Term, ...], Floats]]  # and their values (P)
 # kind and unit of signals; name of a model, or "floor": error [that unit]
 ErrorsByKind = dict[tuple[str, str], dict[str, float]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class HorizonScores:
-    """Scores [1] of a replay in segments of one length.
+    """Scores [1] of a replay in segments of about one length.
 
     Attributes:
-        seconds: length of the segments [s].
-        numbers: score of each model ("given", "refit" and "patched"), and the "floor"
-            that noise, initial states and time step leave.
+        seconds: that length [s].
+        segments: that were replayed.
+        count: (E, S) readings of each episode and signal.
+        squares: (E, S) [unit of the signal, squared] errors of each model ("given",
+            "refit" and "patched").
+        numbers: score of each model, and the "floor" that noise, initial states and
+            time step leave.
         by_kind: root mean square errors of each of them, by kind and unit of signals.
     """
 
     seconds: float
+    segments: Segments
+    count: Floats
+    squares: dict[str, Floats]
     numbers: dict[str, float]
     by_kind: ErrorsByKind
 
@@ -60,54 +67,42 @@ class HorizonScores:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOutScores:
-    """Errors of a replay of the held-out episodes.
+class HeldOutScores(HorizonScores):
+    """Errors of a replay of whole held-out episodes.
 
     Attributes:
+        dataset: of the episodes.
+        hypothesis: that the patched model has.
         refits: of each model but the given one, by its name, as MuJoCo steps it.
         unrestored: the patched model's before stated values were restored and rounded.
-        segments: that were replayed.
-        count: (E, S) readings of each episode and signal.
-        squares: (E, S) [unit of the signal, squared] errors of each model, by its name.
-        numbers: score [1] of each model, by its name, and of the noise floor.
-        by_kind: root mean square errors of each of them, by kind and unit of signals.
         horizons: scores in longer and longer segments, up to whole episodes, as far as
             the robot can be predicted.
     """
 
+    dataset: Dataset
+    hypothesis: Hypothesis
     refits: dict[str, Fit]
     unrestored: Fit
-    segments: Segments
-    count: Floats
-    squares: dict[str, Floats]
-    numbers: dict[str, float]
-    by_kind: ErrorsByKind
     horizons: tuple[HorizonScores, ...]
 
     @classmethod
     def compute(cls, dataset: Dataset, hypothesis: Hypothesis) -> "HeldOutScores":
         """Replay the model as given, re-fitted, and with the named effects."""
-        fits = {"refit": hypothesis.nominal}
+        final = hypothesis.final if hypothesis.named else hypothesis.nominal
+        refit = whole = _refit_some(hypothesis.nominal)
         if hypothesis.named:
-            fits["patched"] = hypothesis.final
-        refits = {
-            name: refit_native_timestep(_select_some(fit)) for name, fit in fits.items()
-        }
-        whole = refits.setdefault("patched", refits["refit"])
-        errors = standard_errors(fits.get("patched", fits["refit"]))
-        refits["patched"] = restored = restore_stated(whole, errors)
-        judge = Judge.build(dataset.held_out, fits.get("patched", fits["refit"]))
-        before, after = (judge.log_native_errors(x.fit) for x in (whole, restored))
+            whole = _refit_some(final)
+        patched = restore_stated(whole, standard_errors(final))
+        judge = Judge.build(dataset.held_out, final)
+        before, after = (judge.log_native_errors(x.fit) for x in (whole, patched))
         if is_outdone(after, before):
-            refits["patched"] = whole
+            patched = whole
         if not hypothesis.named:
-            refits["refit"] = refits["patched"]
-        fitted = {name: refit.fit for name, refit in refits.items()}
-        return cls._replay(dataset, fitted, whole.fit)
+            refit = patched
+        refits = {"refit": refit.fit, "patched": patched.fit}
+        return cls._replay(dataset, hypothesis, refits, whole.fit)
 
-    def with_quantization(
-        self, dataset: Dataset, hypothesis: Hypothesis
-    ) -> "HeldOutScores":
+    def with_quantization(self, hypothesis: Hypothesis) -> "HeldOutScores":
         """The scores with the quantized signals that a hypothesis names last.
 
         No fit sees how readings are rounded.
@@ -118,99 +113,98 @@ class HeldOutScores:
         for term, step in zip(*added, strict=True):
             patched = append_step(patched, term, step)
         refits = {**self.refits, "patched": patched}
-        return self._replay(dataset, refits, self.unrestored)
+        return self._replay(self.dataset, hypothesis, refits, self.unrestored)
 
     @classmethod
     def _replay(
-        cls, dataset: Dataset, refits: dict[str, Fit], unrestored: Fit
+        cls,
+        dataset: Dataset,
+        hypothesis: Hypothesis,
+        refits: dict[str, Fit],
+        unrestored: Fit,
     ) -> "HeldOutScores":
         """The scores of models fitted to their own time step, and of the given one."""
         simulator, patched = dataset.held_out.native, refits["patched"]
+        models = {name: (fit.terms, fit.values) for name, fit in refits.items()}
+        models = {"given": ((), np.zeros(0)), **models}
         segments = score.cut_replay_segments(simulator)
-        count = score.count_readings(simulator, segments)
-        models: Models = {
-            "given": ((), np.zeros(0)),
-            **{name: (fit.terms, fit.values) for name, fit in refits.items()},
-        }
-        squares = _square_errors(simulator, segments, models)
-        floor, _ = _measure_floor(dataset, segments, patched)
-        scores = _score_models(simulator, squares, count, floor)
-        horizons = _score_horizons(dataset, models, patched)
-        return cls(refits, unrestored, segments, count, squares, *scores, horizons)
+        floor, _ = _measure_floor(simulator, segments, patched)
+        lasts = [e.sample_steps[-1] * simulator.timestep for e in simulator.episodes]
+        whole = _score_models(float(max(lasts)), simulator, segments, models, floor)
+        horizons = _score_horizons(simulator, whole.seconds, models, patched)
+        return cls(
+            **vars(whole),
+            dataset=dataset,
+            hypothesis=hypothesis,
+            refits=refits,
+            unrestored=unrestored,
+            horizons=horizons,
+        )
 
 
-def _select_some(fit: Fit) -> LinearizedFit:
-    """A fit in as many of its segments as a native fit is made in."""
+def _refit_some(fit: Fit) -> LinearizedFit:
+    """A fit to the model's own time step, in as many segments as that is made in."""
     rng = np.random.default_rng(3)
     some = draw_segments(fit.problem, SELECTION.native_fit_steps, rng)
-    return LinearizedFit.from_fit(fit).select(some)
-
-
-def _square_errors(
-    simulator: Simulator, segments: Segments, models: Models
-) -> dict[str, Floats]:
-    """Sums (E, S) of the squared errors [unit of the signal, squared] of each model."""
-    return {
-        name: score.sum_squared_errors(simulator, segments, terms, values)
-        for name, (terms, values) in models.items()
-    }
+    return refit_native_timestep(LinearizedFit.from_fit(fit).select(some))
 
 
 def _score_models(
-    simulator: Simulator, squares: Mapping[str, Floats], count: Floats, floor: Floats
-) -> tuple[dict[str, float], ErrorsByKind]:
-    """Scores [1] and errors by kind of models and of the floor, which none beats.
+    seconds: float,
+    simulator: Simulator,
+    segments: Segments,
+    models: Models,
+    floor: Floats,
+) -> HorizonScores:
+    """Scores of a replay of models, and of the floor, which none beats.
 
     Args:
-        squares: (E, S) sums of squared errors of each model, by its name.
-        count: (E, S) readings of each episode and signal.
+        seconds: length of the segments [s].
         floor: (S) mean squares that the best model would leave.
     """
-    squares = {**squares, "floor": floor * count}
-    numbers = {k: score.compute_score(simulator, s, count) for k, s in squares.items()}
-    numbers["floor"] = min(numbers["floor"], numbers["patched"])
+    count = score.count_readings(simulator, segments)
+    squares = {
+        name: score.sum_squared_errors(simulator, segments, terms, values)
+        for name, (terms, values) in models.items()
+    }
+    numbers: dict[str, float] = {}
     by_kind: ErrorsByKind = {}
-    for name, total in squares.items():
+    for name, total in {**squares, "floor": floor * count}.items():
+        numbers[name] = score.compute_score(simulator, total, count)
         for key, error in score.pool_errors(simulator, total, count).items():
             by_kind.setdefault(key, {})[name] = error
-    for errors in by_kind.values():
+    for errors in (numbers, *by_kind.values()):
         errors["floor"] = min(errors["floor"], errors["patched"])
-    return numbers, by_kind
+    return HorizonScores(seconds, segments, count, squares, numbers, by_kind)
 
 
 def _score_horizons(
-    dataset: Dataset, models: Models, patched: Fit
+    simulator: Simulator, whole: float, models: Models, patched: Fit
 ) -> tuple[HorizonScores, ...]:
-    """Scores in longer and longer segments of the held-out episodes.
+    """Scores in longer and longer segments, up to those of whole episodes.
 
     They end where errors of the initial states alone cause a large part of the motion:
     a chaotic robot cannot be predicted farther. Single readings have no horizon.
 
     Args:
-        models: to be replayed, by name: terms and their values (P).
+        whole: length of the longest episode [s].
         patched: the fit that tells how far the robot can be predicted.
     """
-    simulator = dataset.held_out.native
-    lasts = [e.sample_steps[-1] * simulator.timestep for e in simulator.episodes]
-    whole = float(max(lasts))
     lengths = [s for s in (SHORT_SEGMENT, *LONG_SEGMENTS) if 2 * s <= whole]
     horizons: list[HorizonScores] = []
     for seconds in (*lengths, whole):
         segments = cut_readable_segments(simulator, seconds)
         if not len(segments) or segments.is_single_readings:
             break
-        floor, by_start = _measure_floor(dataset, segments, patched)
+        floor, by_start = _measure_floor(simulator, segments, patched)
         if horizons and not by_start < FIT.max_state_response:
             break
-        count = score.count_readings(simulator, segments)
-        squares = _square_errors(simulator, segments, models)
-        scores = _score_models(simulator, squares, count, floor)
-        horizons.append(HorizonScores(seconds, *scores))
+        horizons.append(_score_models(seconds, simulator, segments, models, floor))
     return tuple(horizons)
 
 
 def _measure_floor(
-    dataset: Dataset, segments: Segments, fit: Fit
+    simulator: Simulator, segments: Segments, fit: Fit
 ) -> tuple[Floats, float]:
     """Mean squares that noise, initial states and the time step would leave.
 
@@ -223,7 +217,6 @@ def _measure_floor(
         Of all three (S) [each channel's unit^2], and the score [1] of the initial
         states alone.
     """
-    simulator = dataset.held_out.native
     offsets = build_initial_state_offsets(simulator, segments)
     predicted = simulator.simulate(
         fit.terms,

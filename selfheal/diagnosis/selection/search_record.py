@@ -1,9 +1,12 @@
 """What a search has found so far, for whoever watches it or stops it."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 
 from ..effects.base import Term
+from ..simulation.cache import OutOfTime
+from ..simulation.simulator import Simulator
 from .search_state import SearchState
 from .time_left import Stage, TimeLeft
 
@@ -14,29 +17,29 @@ class SearchRecord:
     """Passes progress on, with what is believed so far, and keeps the state reached.
 
     Attributes:
-        stage: what is being done.
         state: the last one of the search; None: there is none yet.
         finish: fits what a search that was stopped had found since; None: nothing.
-        tried: keys of the terms that were tried.
         stopped: what was being done when time was over; empty where it was not.
     """
 
     def __init__(
-        self, progress: Progress | None = None, time_left: TimeLeft | None = None
+        self,
+        progress: Progress | None = None,
+        time_left: TimeLeft | None = None,
+        is_over: Callable[[float], bool] = lambda share: False,
     ) -> None:
         """What is watched.
 
         Args:
             progress: called with a message and the share (0 to 1) of all that is done.
+            is_over: whether a share (0 to 1) of the time is over.
         """
         self._progress = progress or (lambda what, share: None)
-        self._time_left = time_left or TimeLeft()
-        self.stage = "beginning the search"
+        self._time_left, self._is_over = time_left or TimeLeft(), is_over
         self.state: SearchState | None = None
         self.finish: Callable[[], SearchState] | None = None
-        self._belief = ""
-        self.tried: set[tuple] = set()
-        self.stopped = ""
+        self._stage, self._belief, self.stopped = "beginning the search", "", ""
+        self._tried: set[tuple] = set()
 
     def __call__(self, what: str, named: int) -> None:
         """Say what a search tries, with so many named effects."""
@@ -45,12 +48,20 @@ class SearchRecord:
 
     def enter(self, stage: Stage, what: str) -> None:
         """Say what is being done from now on, and what is believed."""
-        self.stage = what
+        self._stage = what
         self._progress(what + self._belief, self._time_left.enter(stage))
 
-    def stop(self) -> None:
-        """Know that time is over; what is stopped first counts."""
-        self.stopped = self.stopped or self.stage
+    @contextmanager
+    def limit(self, simulator: Simulator, share: float) -> Iterator[None]:
+        """Leave what is entered once a share (0 to 1) of the time is over.
+
+        What is stopped first counts.
+        """
+        try:
+            with simulator.counter.limit(lambda: self._is_over(share)):
+                yield
+        except OutOfTime:
+            self.stopped = self.stopped or self._stage
 
     def keep(self, state: SearchState) -> None:
         """Keep a state as the last one."""
@@ -65,9 +76,9 @@ class SearchRecord:
 
     def add_tried(self, terms: Iterable[Term]) -> None:
         """Know that terms were tried."""
-        self.tried |= {t.key for t in terms}
+        self._tried |= {t.key for t in terms}
 
     def list_untried(self, candidates: Sequence[Term]) -> list[str]:
         """Names of the effects of which some candidate was never tried."""
-        left = (t.effect.name for t in candidates if t.key not in self.tried)
+        left = (t.effect.name for t in candidates if t.key not in self._tried)
         return sorted(set(left))

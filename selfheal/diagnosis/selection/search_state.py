@@ -1,6 +1,6 @@
 """Where a search for effects is: takes fits, says whether more is to be looked for.
 
-A state is frozen; a new one comes from `start_state` or from the `with_...` methods.
+Segments are as long as the robot can be predicted: in longer ones slow effects show.
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,13 +13,11 @@ from ..effects.declaration import UNUSUAL
 from ..estimation.covariance import effective_sample_size
 from ..estimation.fit import Fit
 from ..estimation.least_squares import fit_parameters
-from ..estimation.marginalization import marginalize_initial_states
-from ..estimation.noise import (
-    expected_cost,
-    noise_ratio,
-    worst_channel_ratio,
+from ..estimation.marginalization import (
+    is_horizon_informative,
+    marginalize_initial_states,
 )
-from ..estimation.nonsmooth import search_multiples
+from ..estimation.noise import expected_cost, noise_ratio, worst_channel_ratio
 from ..estimation.problem import Problem
 from ..estimation.quadratic_model import stack_bounds
 from ..estimation.reweighting import reweight_residuals
@@ -73,18 +71,6 @@ class SearchState:
     def problem(self) -> Problem:
         """The segments, with the weights of now."""
         return self.best.problem
-
-    def with_fit(self, best: Fit) -> "SearchState":
-        """The state with another fit."""
-        return replace(self, best=best)
-
-    def with_candidates(self, candidates: Sequence[Term]) -> "SearchState":
-        """The state in which other terms may earn a name."""
-        return replace(self, candidates=candidates)
-
-    def with_claim(self, term: Term, claim: Claim) -> "SearchState":
-        """The state that knows what speaks for a term."""
-        return replace(self, claims={**self.claims, term.key: claim})
 
     @property
     def named(self) -> tuple[Term, ...]:
@@ -162,7 +148,7 @@ def start_state(
     return SearchState(reweight_and_fit(fit, 8), len(nominal_terms), candidates)
 
 
-def reweight_and_fit(fit: Fit, iterations: int, *, tries_multiples: bool = True) -> Fit:
+def reweight_and_fit(fit: Fit, iterations: int) -> Fit:
     """A fit repeated in its problem weighted by its residuals.
 
     One iteration of feasible generalized least squares: each column of readings weighs
@@ -170,26 +156,40 @@ def reweight_and_fit(fit: Fit, iterations: int, *, tries_multiples: bool = True)
 
     Args:
         iterations: of Gauss-Newton, at most.
-        tries_multiples: whether values are looked at farther off first.
     """
     reweighted = reweight_residuals(fit)
     jacobian = fit.transfer_jacobian(reweighted)
-    start = fit.values
-    if tries_multiples:
-        start = search_multiples(reweighted, fit.terms, start)
     return fit_parameters(
-        reweighted, fit.terms, start, iterations=iterations, jacobian=jacobian
+        reweighted, fit.terms, fit.values, iterations=iterations, jacobian=jacobian
     )
 
 
-def reweight_repeatedly(fit: Fit, iterations: int) -> Fit:
-    """The fit to its problem weighted by residuals that get smaller.
-
-    By the errors of the model as given one joint would outweigh all others.
-
-    Args:
-        iterations: of Gauss-Newton in each problem, at most.
-    """
-    for _ in range(SELECTION.reweightings_of_all):
-        fit = reweight_and_fit(fit, iterations, tries_multiples=False)
+def fit_longer(fit: Fit, longer: Sequence[Problem]) -> Fit:
+    """The fit repeated in longer and longer segments, as far as these inform."""
+    for other in longer:
+        problem = fit.problem
+        other = replace(other, sigma=problem.sigma, simulator=problem.simulator)
+        if not is_horizon_informative(other, problem, fit.terms, fit.values):
+            break
+        other = marginalize_initial_states(other, fit.terms, fit.values)
+        fit = fit_parameters(other, fit.terms, fit.values, iterations=5)
     return fit
+
+
+def lengthen_segments(state: SearchState, longer: Sequence[Problem]) -> SearchState:
+    """The state fitted in longer segments, while these inform and nothing is left.
+
+    What builds up slowly is not seen in short segments, as the loss of energy of a
+    free pendulum.
+    """
+    steps = state.problem.segments.lengths.mean()
+    for other in longer:
+        if not state.is_explained:
+            break
+        if other.segments.lengths.mean() <= steps:
+            continue
+        fit = fit_longer(state.best, [other])
+        if fit is state.best:
+            break
+        state = replace(state, best=reweight_and_fit(fit, 4))
+    return state

@@ -1,6 +1,5 @@
 """How far a hypothesis holds: takes it and its held-out errors, gives a verdict."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -11,7 +10,7 @@ from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.noise import expected_noise
 from ..estimation.problem import Problem
 from ..simulation import score
-from ..simulation.dataset import SHORT_SEGMENT, Dataset, cut_readable_segments
+from ..simulation.dataset import SHORT_SEGMENT, cut_readable_segments
 from ..simulation.simulator import Simulator
 from .holdout import squared_error, squared_error_reestimated
 from .hypotheses import Hypothesis
@@ -85,7 +84,7 @@ def drop_names(hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, named=(), final=hypothesis.nominal)
 
 
-def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> float:
+def _share_removed_in_segments(held_out: Simulator, hypothesis: Hypothesis) -> float:
     """Share [1] of the explainable error that names remove in held-out segments.
 
     Of root mean squares e: (e_nominal - e_final) / (e_nominal - e_noise). Signals weigh
@@ -93,16 +92,12 @@ def _share_removed_in_segments(dataset: Dataset, hypothesis: Hypothesis) -> floa
     moves in a few poses. A replay of a chaotic robot tells where it was when it began.
     """
     sigma, fit = hypothesis.problem.sigma, hypothesis.final
-    segments = cut_readable_segments(dataset.held_out, SHORT_SEGMENT)
-    held_out = Problem(dataset.held_out, segments, sigma)
-    held_out = marginalize_initial_states(held_out, fit.terms, fit.values)
-    before, after = np.sqrt(
-        [
-            squared_error_reestimated(held_out, hypothesis.nominal),
-            squared_error(held_out, fit),
-        ]
-    )
-    explainable = before - np.sqrt(expected_noise(held_out))
+    segments = cut_readable_segments(held_out, SHORT_SEGMENT)
+    problem = Problem(held_out, segments, sigma)
+    problem = marginalize_initial_states(problem, fit.terms, fit.values)
+    before = np.sqrt(squared_error_reestimated(problem, hypothesis.nominal))
+    after = np.sqrt(squared_error(problem, fit))
+    explainable = before - np.sqrt(expected_noise(problem))
     least = SELECTION.min_explainable_error * before
     return float((before - after) / max(explainable, least))
 
@@ -113,50 +108,42 @@ def explains_too_little(structure: RemainingStructure) -> bool:
     return structure.is_significant and is_little
 
 
-def is_outdone_by_refit(dataset: Dataset, scores: HeldOutScores) -> bool:
+def is_outdone_by_refit(scores: HeldOutScores) -> bool:
     """Whether what the model states, re-fitted, predicts clearly better alone."""
     refit, patched = scores.refits["refit"], scores.refits["patched"]
-    judge = Judge.build(dataset.held_out, patched)
+    judge = Judge.build(scores.dataset.held_out, patched)
     alone, named = (judge.log_native_errors(fit) for fit in (refit, patched))
     return is_outdone(named, alone)
 
 
-def predicts_worse(scores: HeldOutScores, others: Sequence[str]) -> bool:
-    """Whether the patched model predicts worse than others over some horizon.
+def predicts_worse(scores: HeldOutScores) -> bool:
+    """Whether the patched model predicts worse than the given one over some horizon.
 
     By 5 %, and by more than the floor that noise leaves; or whether it diverges.
     """
     ratio = SELECTION.worse_replay_ratio
     return any(
-        not h["patched"] <= ratio * max(min(h[name] for name in others), h["floor"])
+        not h["patched"] <= ratio * max(h["given"], h["floor"])
         for h in (scores.numbers, *(h.numbers for h in scores.horizons))
-        if np.isfinite(min(h[name] for name in others))
+        if np.isfinite(h["given"])
     )
 
 
-def removes_too_little(
-    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
-) -> bool:
-    """Whether names remove next to nothing of the explainable held-out error.
-
-    Args:
-        hypothesis: with names, or without.
-    """
-    if not hypothesis.named:
+def removes_too_little(scores: HeldOutScores) -> bool:
+    """Whether names remove next to nothing of the explainable held-out error."""
+    if not scores.hypothesis.named:
         return False
-    if scores.segments.is_single_readings:
-        share = _share_removed_in_segments(dataset, hypothesis)
-        return share < SELECTION.min_removed_error
-    removed = explainable_removed(scores.numbers)
-    if removed is None or removed >= SELECTION.min_removed_error:
-        return False
-    share = _share_removed_in_segments(dataset, hypothesis)
-    return share < SELECTION.min_explained_error
+    least = SELECTION.min_removed_error
+    if not scores.segments.is_single_readings:
+        removed = explainable_removed(scores.numbers)
+        if removed is None or removed >= least:
+            return False
+        least = SELECTION.min_explained_error
+    held_out = scores.dataset.held_out
+    return _share_removed_in_segments(held_out, scores.hypothesis) < least
 
 
-def is_replay_off(
-    dataset: Dataset, hypothesis: Hypothesis, scores: HeldOutScores
-) -> bool:
+def is_replay_off(scores: HeldOutScores) -> bool:
     """Whether a replay of the held-out episodes is farther off than noise can make it.
 
     It has to be so without the time step's own error as well. Of a robot with contact
@@ -165,7 +152,7 @@ def is_replay_off(
     """
     if scores.segments.is_single_readings:
         return False
-    simulator, fit = dataset.held_out.native, hypothesis.final
+    simulator, fit = scores.dataset.held_out.native, scores.hypothesis.final
     limit = SELECTION.max_replay_floor_ratio * scores.numbers["floor"]
     if _typical_score(simulator, scores.squares["patched"], scores.count) <= limit:
         return False

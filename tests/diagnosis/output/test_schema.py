@@ -31,7 +31,7 @@ HUGE = 10**400
         ({"target": 3}, InputError, r"json: findings\[0\].target is 3; would fit"),
         ({"effect": 3}, InputError, "effect is 3; would fit: a valid string"),
         ({"effect": "gremlins", "native": True}, UnknownNameError, "gremlins"),
-        ({"parameters": None}, InputError, "parameters is None; would fit: a valid arr"),
+        ({"parameters": None}, InputError, "parameters is None; would fit: a valid"),
         ({"parameters": []}, InputError, r"is \[\]; would fit: frictionloss"),
         ({"parameters": [{"value": 1.0}]}, InputError, "name is missing"),
         ({"effect": "asymmetric_friction"}, InputError, "fit: positive, negative"),
