@@ -165,9 +165,13 @@ def main() -> int:
     making.add_argument("--effects", nargs="*", default=(), help="sealed: only these")
     making.add_argument("--robots", nargs="*", default=(), help="sealed: only these")
     making.add_argument(
-        "--only", nargs="+", choices=others.OTHER_CASES, metavar="NAME",
-        default=(), help="others: only these",
-    )  # fmt: skip
+        "--only",
+        nargs="+",
+        choices=others.OTHER_CASES,
+        metavar="NAME",
+        default=(),
+        help="others: only these",
+    )
     making.set_defaults(do=make_cases)
     running = commands.add_parser("run", help="diagnose them")
     running.add_argument("--cases", type=Path, required=True)

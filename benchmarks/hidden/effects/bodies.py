@@ -126,8 +126,9 @@ def _install_medium(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> No
 def _draw_wind(robot: Robot, target: str, rng: Rng) -> Sized:
     azimuth = rng.uniform(-0.4, 0.4) + rng.choice([0, math.pi])
     way = [math.cos(azimuth), math.sin(azimuth) if robot.free else 0.0, 0.0]
-    return lambda s: dict(zip(("vx", "vy", "vz"), (3.0 * s * d for d in way),
-                              strict=True))  # fmt: skip
+    return lambda s: dict(
+        zip(("vx", "vy", "vz"), (3.0 * s * d for d in way), strict=True)
+    )
 
 
 def _install_wind(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:

@@ -170,8 +170,18 @@ the readings. `given` is the model as given, `plain` a fit of
 dry friction, viscous friction, rotor and one delay at every driven joint, `true` the
 hidden physics; without a diagnosis, `selfheal` is the model as given. An effect has to
 be named that removes a tenth of the squared error when added last to all others."""
-HEADER = ("case", "robot", "given", "plain", "selfheal", "true", "verdict", "named",
-          "false", "s")  # fmt: skip
+HEADER = (
+    "case",
+    "robot",
+    "given",
+    "plain",
+    "selfheal",
+    "true",
+    "verdict",
+    "named",
+    "false",
+    "s",
+)
 
 
 def make_drive_sections(cases: Sequence[Judged]) -> list[Section]:

@@ -228,13 +228,37 @@ def _make_scara(rng: Rng, size: float, heavy: float) -> list[Link]:
     drop = 0.4 * size
     return [
         Link("shoulder", "0 0 1", (0, 0, 0), (first, 0, 0), 0.1 * size, heavy, 0.9),
-        Link("elbow", "0 0 1", (first, 0, 0), (second, 0, 0), 0.08 * size,
-             0.6 * heavy, 0.9, 0.4),
-        Link("lift", "0 0 1", (second, 0, 0), (0, 0, -drop), 0.04 * size,
-             0.25 * heavy, 0.2 * size, 0.0, slide=True),
-        Link("roll", "0 0 1", (0, 0, -drop), (0.1 * size, 0, -0.1 * size),
-             0.04 * size, 0.12 * heavy, 1.2),
-    ]  # fmt: skip
+        Link(
+            "elbow",
+            "0 0 1",
+            (first, 0, 0),
+            (second, 0, 0),
+            0.08 * size,
+            0.6 * heavy,
+            0.9,
+            0.4,
+        ),
+        Link(
+            "lift",
+            "0 0 1",
+            (second, 0, 0),
+            (0, 0, -drop),
+            0.04 * size,
+            0.25 * heavy,
+            0.2 * size,
+            0.0,
+            slide=True,
+        ),
+        Link(
+            "roll",
+            "0 0 1",
+            (0, 0, -drop),
+            (0.1 * size, 0, -0.1 * size),
+            0.04 * size,
+            0.12 * heavy,
+            1.2,
+        ),
+    ]
 
 
 AXES = {
@@ -287,8 +311,9 @@ def draw_linkage(rng: Rng) -> Robot:
     long, mass = rng.uniform(0.2, 0.35), rng.uniform(0.8, 2.5)
     arm = rng.uniform(0.18, 0.3) * long
     thigh = Link("hip", "0 1 0", (0, 0, 0), (0, 0, -long), 0.08 * long, mass, 0.5, 0.2)
-    crank = Link("crank", "0 1 0", (0, 0, 0), (arm, 0, 0), 0.03 * long, 0.07 * mass,
-                 0.5)  # fmt: skip
+    crank = Link(
+        "crank", "0 1 0", (0, 0, 0), (arm, 0, 0), 0.03 * long, 0.07 * mass, 0.5
+    )
     rate, step = rng.uniform(0.5, 1.0), float(rng.choice([0.001, 0.002]))
     chain = Chain("linkage", (thigh, crank), rate, step, "implicitfast", linkage=True)
     return chain.add_drives(rng, "position")
