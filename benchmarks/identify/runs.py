@@ -1,4 +1,4 @@
-"""Runs of `identify`: a row of a suite in, runs by key out; worker processes do them."""
+"""Runs of `identify`: a row of a suite in, runs by key out, for worker processes."""
 
 import hashlib
 import json
