@@ -9,21 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.hidden.effects import BY_NAME, PLACED
+from benchmarks.hidden.effects import DRAWN, PLACED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
-from benchmarks.hidden.effects.joints import RANGE, STICTION
 from benchmarks.hidden.robots.chains import draw_chain, draw_linkage
 from benchmarks.hidden.robots.robot import Rng, Robot
 from benchmarks.hidden.truth import HiddenRobot
 
 RATES = (30.0, 50.0, 100.0, 200.0, 250.0, 500.0)  # [Hz] of logs
 FAST = (100.0, 200.0, 250.0, 500.0)  # [Hz] of those whose controller gives torques
-EFFECTS: Mapping[str, Effect] = {
-    **BY_NAME,
-    **PLACED,
-    "stiction": STICTION,
-    "joint_range": RANGE,
-}
+EFFECTS: Mapping[str, Effect] = {**DRAWN, **PLACED}
 Placed = list[PlacedEffect]
 
 

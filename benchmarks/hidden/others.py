@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hidden.case import Case, Experiment, Session, build_case
-from benchmarks.hidden.effects import BY_NAME, PLACED
+from benchmarks.hidden.effects import DRAWN, PLACED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
-from benchmarks.hidden.effects.bodies import VECTOR_BIAS
 from benchmarks.hidden.robots.robot import Rng, Robot
 from benchmarks.hidden.robots.written import FOLDER, WRITTEN, WrittenRobot
 from benchmarks.hidden.sensors import Instruments
@@ -58,7 +57,7 @@ def _read_cases() -> dict[str, OtherCase]:
 
 
 OTHER_CASES: Mapping[str, OtherCase] = _read_cases()
-EFFECTS: Mapping[str, Effect] = {**BY_NAME, **PLACED, "vector_bias": VECTOR_BIAS}
+EFFECTS: Mapping[str, Effect] = {**DRAWN, **PLACED}
 
 
 def _draw_errors(robot: Robot, rng: Rng) -> dict[tuple[str, str], float]:
