@@ -14,21 +14,9 @@ _HUGE = 2**40  # values that a dataset declares and does not hold
 _MOST_VALUES = 10**6  # of a dataset that is changed
 _POISON = (np.nan, np.inf, -np.inf, 1e307, -1e307, -1.0, 0.0, 1e12, 2.0**63)
 _DTYPES = (
-    "i1",
-    "u8",
-    "i8",
-    "f2",
-    "f4",
-    ">f8",
-    "c16",
-    "?",
-    "S8",
-    "V5",
-    [("x", "f8"), ("y", "i4")],
-    h5py.string_dtype(),
-    h5py.ref_dtype,
-    h5py.vlen_dtype("f8"),
-    h5py.enum_dtype({"a": 1, "b": 2}),
+    *"i1 u8 i8 f2 f4 >f8 c16 ? S8 V5".split(),
+    *([("x", "f8"), ("y", "i4")], h5py.string_dtype(), h5py.ref_dtype),
+    *(h5py.vlen_dtype("f8"), h5py.enum_dtype({"a": 1, "b": 2})),
 )
 _NAMES = ("extra", "000", "time", "told", "é", "a" * 300)
 _LINKS = (
@@ -39,24 +27,9 @@ _LINKS = (
 )
 _MEMBERS = (1.0, np.zeros(3), "text", np.dtype("f8"), h5py.Empty("f8"), *_LINKS)
 _ATTRIBUTES = (
-    7,
-    -1.5,
-    np.nan,
-    np.arange(3),
-    "",
-    "no such",
-    60_000 * "x",
-    h5py.Empty("f8"),
-    np.bytes_(b"\xff\xfe"),
-    ["a", "b"],
-    np.void(b"abc"),
-    "null",
-    "[]",
-    "{}",
-    "[[",
-    "1e999",
-    np.zeros((2, 2)),
-    True,
+    *(7, -1.5, np.nan, np.arange(3), "", "no such", 60_000 * "x", h5py.Empty("f8")),
+    *(np.bytes_(b"\xff\xfe"), ["a", "b"], np.void(b"abc")),
+    *("null", "[]", "{}", "[[", "1e999", np.zeros((2, 2)), True),
 )
 _TEXTS = (b"", b"null", b"[]", b"3", b'"text"', b"{")
 

@@ -1,4 +1,4 @@
-"""Figures of the page of the hardening: records of its studies in, what it shows out."""
+"""Figures of the page of the hardening: records of its studies in, its cells out."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
