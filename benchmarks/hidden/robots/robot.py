@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -186,6 +187,12 @@ class NumberDraw:
 {rest.rstrip()}
 </mujoco>
 """
+
+
+def read_world(shape: str, **values: object) -> str:
+    """MJCF of the folder `drawn`, or a part of it, with values put in."""
+    file = Path(__file__).parent / "drawn" / f"{shape}.xml"
+    return file.read_text().format(**values)
 
 
 def write_link(length: float, mass: float, radius: float = 0.012) -> str:

@@ -6,7 +6,6 @@ sizes are drawn per case, chosen within 25 % around a desk-top device of that sh
 
 from collections.abc import Callable, Mapping
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
@@ -14,15 +13,10 @@ from benchmarks.hidden.robots.robot import (
     GRAVITY,
     NumberDraw,
     Robot,
+    read_world,
     write_actuators,
     write_link,
 )
-
-
-def _read_world(shape: str, **values: object) -> str:
-    """The bodies of a robot: MJCF of the folder `drawn` with numbers put in."""
-    file = Path(__file__).parent / "drawn" / f"{shape}.xml"
-    return file.read_text().format(**values)
 
 
 def make_pendulum(numbers: NumberDraw) -> Robot:
@@ -32,7 +26,7 @@ def make_pendulum(numbers: NumberDraw) -> Robot:
     dry = 0.01 if numbers.draw_flag(0.5) else 0
     (joint,) = numbers.write_joints((0.02, 0.006, dry))
     link = write_link(length, mass, 0.02)
-    world = _read_world("pendulum", j1=joint, link1=link)
+    world = read_world("pendulum", j1=joint, link1=link)
     rest = numbers.write_servos((12 * load, 0.5 * load))
     return Robot(
         "pendulum",
@@ -51,7 +45,7 @@ def _write_chain(
     j1, j2 = numbers.write_joints(*joints)
     l1, l2, m1, m2 = numbers.draw_about(0.25, 0.2, 0.7, 0.4)
     links = {"link1": write_link(l1, m1, 0.02), "link2": write_link(l2, m2, 0.015)}
-    world = _read_world("chain", j1=j1, j2=j2, end=-l1, **links)
+    world = read_world("chain", j1=j1, j2=j2, end=-l1, **links)
     low = m2 * GRAVITY * l2 / 2
     return world, [GRAVITY * (m1 * l1 / 2 + m2 * l1) + low, low]
 
@@ -93,7 +87,7 @@ def make_arm3(numbers: NumberDraw) -> Robot:
     joints = (0.15, 0.02, 0.02), (0.15, 0.02, 0), (0.05, 0.008, 0)
     j1, j2, j3 = numbers.write_joints(*joints)
     links = {"link2": write_link(l2, m2, 0.02), "link3": write_link(l3, m3, 0.015)}
-    world = _read_world("arm3", j1=j1, j2=j2, j3=j3, m1=m1, end=-l2, **links)
+    world = read_world("arm3", j1=j1, j2=j2, j3=j3, m1=m1, end=-l2, **links)
     low = m3 * GRAVITY * l3 / 2
     load = [1.0, GRAVITY * (m2 * l2 / 2 + m3 * l2) + low, low]
     stiff = [12.0, 15 * load[1], 15 * load[2]]
@@ -115,7 +109,7 @@ def make_cartpole(numbers: NumberDraw) -> Robot:
     dry = 0.5 if numbers.draw_flag(0.5) else 0
     j1, j2 = numbers.write_joints((1.0, 0, dry), (0.002, 0, 0))
     pole = write_link(length, mass, 0.01)
-    world = _read_world("cartpole", j1=j1, j2=j2, cart=cart, pole=pole)
+    world = read_world("cartpole", j1=j1, j2=j2, cart=cart, pole=pole)
     rest = write_actuators(['<motor name="m1" joint="j1"/>'])
     return Robot(
         "cartpole",
@@ -150,7 +144,7 @@ def _write_leg(
     rods = {"half": upper / 2, "middle": -upper / 2, "end": -upper, "mass": mass}
     rods |= {"lower_half": lower / 2, "lower_middle": -lower / 2, "foot": -lower}
     place = {"x": corner[0], "y": corner[1], "lower_mass": 0.6 * mass}
-    return _read_world("leg", n=number, hip=hip, knee=knee, **rods, **place)
+    return read_world("leg", n=number, hip=hip, knee=knee, **rods, **place)
 
 
 def make_quadruped(numbers: NumberDraw) -> Robot:
@@ -161,13 +155,13 @@ def make_quadruped(numbers: NumberDraw) -> Robot:
     legs = "".join(_write_leg(numbers, n, c, sizes) for n, c in enumerate(corners, 1))
     height = sizes[0] * np.cos(0.45) + sizes[1] * np.cos(0.45) + 0.02
     torso = {"width": width, "depth": depth, "mass": mass, "height": height}
-    world = _read_world("quadruped", legs=legs, **torso)
+    world = read_world("quadruped", legs=legs, **torso)
     kp, friction = numbers.draw_about(18.0, 0.7)
     joints = [f"{j}{n}" for n in range(1, 5) for j in ("hip", "knee")]
     servos = [
         f'<position name="{j}_servo" joint="{j}" kp="{kp}" kv="0.5"/>' for j in joints
     ]
-    rest = _read_world("ground", friction=friction) + write_actuators(servos)
+    rest = read_world("ground", friction=friction) + write_actuators(servos)
     return Robot(
         "quadruped",
         numbers.write_model("quadruped", world, rest, 0.002),
@@ -182,7 +176,7 @@ def make_quadruped(numbers: NumberDraw) -> Robot:
 def _make_toss(numbers: NumberDraw, name: str, geom: str, step: float) -> Robot:
     """A body with one geom that is thrown on a table."""
     (friction,) = numbers.draw_about(0.4)
-    world = _read_world("toss", name=name, geom=geom, friction=friction)
+    world = read_world("toss", name=name, geom=geom, friction=friction)
     xml = numbers.write_model(name, world, "", step, "RK4")
     return Robot(f"toss_{name}", xml, fine=0.0001)
 
