@@ -22,7 +22,7 @@ from benchmarks.diagnosis_runs import (
     diagnose_cases,
     score_replay,
 )
-from benchmarks.writer import Section, make_parser, publish_results
+from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND
 
@@ -60,9 +60,12 @@ def _define_servo(kp: int) -> Device:
     """A servo at one gain, whose findings are replayed at another."""
     folder = "xl330/servo"
     return Device(
-        f"{folder}/model_kp{kp}.xml", f"{folder}/train_kp{kp}.h5",
-        f"{folder}/test_kp400.h5", 0.09, f"{folder}/model_kp400.xml",
-    )  # fmt: skip
+        f"{folder}/model_kp{kp}.xml",
+        f"{folder}/train_kp{kp}.h5",
+        f"{folder}/test_kp400.h5",
+        0.09,
+        f"{folder}/model_kp400.xml",
+    )
 
 
 def _define_device(folder: str, asked: float, kind: str = "") -> Device:
@@ -154,20 +157,20 @@ def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, 
         numbers = (f"{p['name']} {_format_value(p['value'])}" for p in f["parameters"])
         named.append(f"{f['effect']} {f['target']} ({', '.join(numbers)})")
     return {
-        "device": name, "asked": DEVICES[name].asked, "reached": reached,
-        "verdict": said["verdict"], "named": named,
-        "seconds": ran["seconds"], "megabytes": ran["megabytes"],
-    }  # fmt: skip
+        "device": name,
+        "asked": DEVICES[name].asked,
+        "reached": reached,
+        "verdict": said["verdict"],
+        "named": named,
+        "seconds": ran["seconds"],
+        "megabytes": ran["megabytes"],
+    }
 
 
 def _format_value(value: float | list[float]) -> str:
     if isinstance(value, list):
         return f"({', '.join(map(_format_value, value))})"
     return f"{value:.3g}"
-
-
-def _format_score(reached: float | None) -> str:
-    return "-" if reached is None else f"{reached:.4f}"
 
 
 def main() -> int:
@@ -192,17 +195,8 @@ def main() -> int:
         if (case / DOCUMENT).is_file():
             reached = score_on_test(device, options.recordings, case, options.program)
             rows.append(summarize_device(name, case, reached))
-    shown = [
-        [r["device"], f"{r['asked']:g}", _format_score(r["reached"]), r["verdict"],
-         "; ".join(r["named"]), f"{r['seconds']:.0f}", f"{r['megabytes']:.0f}"]
-        for r in rows
-    ]  # fmt: skip
-    header = ["device", "asked", "reached", "verdict", "named", "wall s", "MB"]
-    text = "Normalised RMSE of the test's position-like signals (contract, section 2)."
-    scores = Section("Scores", text, header, shown)
-    publish_results(
-        options.root, "devices", "Real devices", [scores], {"devices": rows}
-    )
+    page = Path(__file__).with_name("devices.md")
+    publish_page(options.root, "devices", page, {"devices": rows})
     return 1 if failed else 0
 
 

@@ -20,7 +20,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from benchmarks.replay_error import compute_score, drop_samples, extract_values
-from benchmarks.writer import tell_progress
+from benchmarks.writer import report_progress
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND, GIVEN, find_cases
@@ -181,5 +181,5 @@ def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
             failed += record["exit_code"] != 0
             said = f"{futures[future].name}: exit {record['exit_code']}, "
             said += f"{record['seconds']:.1f} s"
-            tell_progress(said, count, len(todo), start)
+            report_progress(said, count, len(todo), start)
     return failed

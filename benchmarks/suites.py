@@ -1,75 +1,113 @@
-"""Suites that go on where they stopped: runs in, one line of JSON for each out."""
+"""The one runner of all benchmarks: named runs in, one line of JSON for each out."""
 
 import json
+import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing.queues import Queue
 from pathlib import Path
 from typing import Any
 
-from benchmarks.writer import RESULTS, make_parser, tell_progress
+from benchmarks.writer import RESULTS, make_parser, publish_page, report_progress
 
 Record = dict[str, Any]
-KeyedRuns = Iterable[tuple[str, Callable[[], Record]]]
+Run = Callable[[], Record]
+KeyedRuns = Iterable[tuple[str, Run]]
+Suites = Mapping[str, tuple[Callable[[int], KeyedRuns], int]]
 
 
-def read_lines(file: Path) -> list[Record]:
-    """The records of a file of JSON lines; none where there is no such file."""
-    if not file.is_file():
-        return []
-    return [json.loads(line) for line in file.read_text().splitlines()]
-
-
-def read_records(benchmark: str, suite: str) -> dict[str, Record]:
+def read_records(name: str) -> dict[str, Record]:
     """The records of a suite's finished runs, by the key of the run."""
-    lines = read_lines(RESULTS / f"{benchmark}-{suite}.jsonl")
-    return {line.pop("key"): line for line in lines}
+    file = RESULTS / f"{name}.jsonl"
+    lines = file.read_text().splitlines() if file.is_file() else []
+    records = (json.loads(line) for line in lines)
+    return {record.pop("key"): record for record in records}
 
 
-def complete_suite(benchmark: str, suite: str, runs: KeyedRuns) -> None:
+def complete_suite(name: str, runs: KeyedRuns, jobs: int = 1) -> dict[str, Record]:
     """Do the runs of a suite that have no record yet, writing each as it ends.
 
     Args:
-        runs: key and function of each run; the function gives its record.
+        name: of the suite's file in benchmarks/results, without its ending.
+        runs: key and function of each run, which gives its record.
+        jobs: processes at a time; with several, each has a core of its own and
+            functions have to be known by name.
+
+    Returns:
+        The records of the runs, by their keys.
     """
-    done = read_records(benchmark, suite)
+    asked, done = dict(runs), read_records(name)
+    left = {key: play for key, play in asked.items() if key not in done}
     RESULTS.mkdir(parents=True, exist_ok=True)
-    left = [(key, play) for key, play in runs if key not in done]
     begun = time.perf_counter()
-    for count, (key, play) in enumerate(left, 1):
-        start, cpu = time.perf_counter(), time.process_time()
-        record = {"key": key, **play(), "cpu_seconds": time.process_time() - cpu}
-        with (RESULTS / f"{benchmark}-{suite}.jsonl").open("a") as out:
-            out.write(json.dumps(record) + "\n")
-        spent = time.perf_counter() - start
-        tell_progress(f"{suite} {key}: {spent:.1f} s", count, len(left), begun)
+    with (RESULTS / f"{name}.jsonl").open("a") as out:
+        for count, (key, record) in enumerate(_play_all(left, jobs), 1):
+            out.write(json.dumps({"key": key, **record}) + "\n")
+            out.flush()
+            done[key] = record
+            report_progress(f"{name} {key}", count, len(left), begun)
+    return {key: done[key] for key in asked}
+
+
+def _play_all(runs: Mapping[str, Run], jobs: int) -> Iterable[tuple[str, Record]]:
+    """Keys and records, one run after the other or several at a time."""
+    if jobs == 1:
+        yield from ((key, _play(play)) for key, play in runs.items())
+        return
+    context = multiprocessing.get_context("spawn")  # fork and threads do not mix
+    with context.Manager() as manager:
+        free, allowed = manager.Queue(), sorted(os.sched_getaffinity(0))
+        for job in range(jobs):
+            free.put(allowed[job % len(allowed)])
+        with ProcessPoolExecutor(jobs, context, _pin_to_core, (free,)) as pool:
+            played = {pool.submit(_play, play): key for key, play in runs.items()}
+            for future in as_completed(played):
+                yield played[future], future.result()
+
+
+def _pin_to_core(free: "Queue[int]") -> None:
+    """Keep a worker process to one core, so that workers do not share threads."""
+    os.sched_setaffinity(0, {free.get()})
+
+
+def _play(play: Run) -> Record:
+    """The record of a run, with its CPU time and wall time [s]."""
+    start, cpu = time.perf_counter(), time.process_time()
+    record = play()
+    spent = {
+        "cpu_seconds": time.process_time() - cpu,
+        "wall_seconds": time.perf_counter() - start,
+    }
+    return {**record, **spent}
 
 
 def run_suites(
     benchmark: str,
     text: str,
-    suites: Mapping[str, tuple[Callable[[int], KeyedRuns], int]],
-    write: Callable[[Path, Mapping[str, dict[str, Record]], str], None],
-    *,
-    option: str,
+    suites: Suites,
+    compute: Callable[[Mapping[str, dict[str, Record]]], Mapping[str, object]],
 ) -> None:
     """Do the suites that the command line names, or make the page of all.
 
     Args:
-        benchmark: name of the benchmark and of its folder, which has remarks.md.
+        benchmark: name of the benchmark and of its folder, which has page.md.
         text: what `--help` says.
         suites: by name: a function from a count to the runs, and the usual count.
-        write: makes the page from the root folder, all records, and the remarks.
-        option: name of the command-line option that gives another count.
+        compute: further figures of the page, from all records by suite and key.
     """
     line = make_parser(text)
     line.add_argument("suites", nargs="+", choices=[*suites, "page"])
-    line.add_argument(f"--{option}", type=int, default=0, dest="count")
+    line.add_argument("--count", type=int, default=0)
+    line.add_argument("--jobs", type=int, default=1)
     chosen = line.parse_args()
     for name in chosen.suites:
         if name == "page":
-            known = {suite: read_records(benchmark, suite) for suite in suites}
-            remarks = Path(__file__).parent / benchmark / "remarks.md"
-            write(chosen.root, known, remarks.read_text())
+            known = {suite: read_records(f"{benchmark}-{suite}") for suite in suites}
+            page = Path(__file__).parent / benchmark / "page.md"
+            publish_page(chosen.root, benchmark, page, {**known, **compute(known)})
         else:
             list_runs, usual = suites[name]
-            complete_suite(benchmark, name, list_runs(chosen.count or usual))
+            runs = list_runs(chosen.count or usual)
+            complete_suite(f"{benchmark}-{name}", runs, chosen.jobs)

@@ -7,36 +7,21 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import date
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+
+import jinja2
+import numpy as np
 
 from selfheal.files import atomic_path
+from selfheal.study.statistics import format_share
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
 _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
-
-
-@dataclass(frozen=True)
-class Section:
-    """A part of a page: a heading, a text, and a table where it has rows.
-
-    Attributes:
-        title: the heading.
-        text: what the table shows, or the whole content.
-        header: names of the table's columns.
-        rows: cells of the table, a row as long as `header`.
-    """
-
-    title: str
-    text: str
-    header: Sequence[str] = ()
-    rows: Sequence[Sequence[Any]] = ()
 
 
 def make_parser(text: str) -> argparse.ArgumentParser:
@@ -55,19 +40,15 @@ def make_parser(text: str) -> argparse.ArgumentParser:
     return line
 
 
-def tell_progress(said: str, done: int, total: int, begun: float) -> None:
-    """Say on standard error what was done, how much of all, and the time left.
+def report_progress(said: str, done: int, total: int, begun: float) -> None:
+    """Report on standard error what was done, of how many, and the time left.
 
     Args:
-        total: how many there are to do.
         begun: `time.perf_counter()` when the first one began [s].
     """
     left = (time.perf_counter() - begun) / done * (total - done)
-    print(
-        f"{done}/{total} {said}; about {left / 60:.1f} min left",
-        file=sys.stderr,
-        flush=True,
-    )
+    text = f"{done}/{total} {said}; about {left / 60:.1f} min left"
+    print(text, file=sys.stderr, flush=True)
 
 
 def count_cores() -> int:
@@ -77,14 +58,13 @@ def count_cores() -> int:
 
 def describe_machine() -> str:
     """A sentence about this machine: processor, cores, versions of the libraries."""
-    model = platform.machine()
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            model = line.partition(":")[2].strip()
-            break
+    cpu = Path("/proc/cpuinfo").read_text().splitlines()
+    names = [s.partition(":")[2].strip() for s in cpu if s.startswith("model name")]
     libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
-    python = platform.python_version()
-    return f"{model}, {count_cores()} cores in use; Python {python}, {libraries}"
+    return (
+        f"{(names or [platform.machine()])[0]}, {count_cores()} cores in use; "
+        f"Python {platform.python_version()}, {libraries}"
+    )
 
 
 def describe_command() -> str:
@@ -103,60 +83,69 @@ def _name_command() -> str:
     return f"python -m {name.removesuffix('.__main__')}"
 
 
-def format_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A Markdown table.
-
-    Args:
-        rows: cells, each written by `str`.
-    """
+def format_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A Markdown table of cells, each written by `str`."""
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join("| " + " | ".join(str(x) for x in row) + " |" for row in lines)
 
 
-def format_page(title: str, sections: Sequence[Section], hardware: str) -> str:
-    """The Markdown page of one benchmark: title, command, date, machine, sections.
-
-    Args:
-        hardware: what is said of the machine.
-    """
-    today = date.today().isoformat()
-    parts = [f"# {title}", f"    {describe_command()}", f"{today}, on {hardware}."]
-    for s in sections:
-        parts += [f"## {s.title}", *filter(None, [s.text])]
-        if s.rows:
-            parts.append(format_table(s.header, s.rows))
-    return "\n\n".join(parts) + "\n"
+def format_fixed(value: float | None, digits: int = 2) -> str:
+    """A number with so many digits behind the point, "" of None."""
+    return "" if value is None else f"{value:,.{digits}f}"
 
 
-def publish_results(
-    root: Path,
-    name: str,
-    title: str,
-    sections: Sequence[Section],
-    data: dict[str, Any],
-    *,
-    hardware: str = "",
+def format_quantiles(values: Sequence[float], *at: float) -> str:
+    """Quantiles of values as text, "none" where there are no values."""
+    return ", ".join(f"{q:.2f}" for q in np.quantile(values, at)) if values else "none"
+
+
+def format_hits(flags: Iterable[object]) -> str:
+    """How many of some flags are set, with the interval of their share."""
+    known = [bool(flag) for flag in flags]
+    return format_share(sum(known), len(known))
+
+
+def render_page(template: Path, figures: Mapping[str, object], machine: str) -> str:
+    """The page of a Jinja template, whose first line is the title."""
+    environment = jinja2.Environment(
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters |= {
+        "fixed": format_fixed,
+        "hits": format_hits,
+        "quantiles": format_quantiles,
+        "median": np.median,
+    }
+    environment.globals |= {"table": format_table, "share": format_share}
+    page = environment.from_string(template.read_text()).render(figures)
+    title, _, rest = page.partition("\n")
+    head = f"    {describe_command()}\n\n{date.today().isoformat()}, on {machine}."
+    return f"{title}\n\n{head}\n{rest}"
+
+
+def publish_page(
+    root: Path, name: str, template: Path, figures: Mapping[str, object]
 ) -> None:
     """Write ROOT/benchmarks/results/NAME-DATE.json and ROOT/docs/results/NAME.md.
 
     Args:
         root: folder of the repository; missing folders are made.
-        name: name of the benchmark, in both file names.
-        sections: content of the page, in order.
-        hardware: what is added to the description of the machine.
+        template: of the page.
+        figures: by their names in the template; what JSON does not know is left out of
+            the JSON file as its text.
     """
-    hardware = f"{describe_machine()}{hardware}"
-    text = format_page(title, sections, hardware)
-    head = {
-        "date": date.today().isoformat(),
-        "command": describe_command(),
-        "machine": hardware,
-    }
-    results, docs = root / "benchmarks" / "results", root / "docs" / "results"
-    results.mkdir(parents=True, exist_ok=True)
-    docs.mkdir(parents=True, exist_ok=True)
-    with atomic_path(results / f"{name}-{head['date']}.json") as path:
-        path.write_text(json.dumps({**head, **data}, indent=1) + "\n")
-    with atomic_path(docs / f"{name}.md") as path:
-        path.write_text(text)
+    machine, today = describe_machine(), date.today().isoformat()
+    text = render_page(template, figures, machine)
+    head = {"date": today, "command": describe_command(), "machine": machine}
+    data = json.dumps({**head, **figures}, indent=1, default=str) + "\n"
+    for file, content in (
+        (root / "benchmarks" / "results" / f"{name}-{today}.json", data),
+        (root / "docs" / "results" / f"{name}.md", text),
+    ):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_path(file) as path:
+            path.write_text(content)
     print(text)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import selfheal
-from benchmarks.suites import KeyedRuns
+from benchmarks.suites import KeyedRuns, Record, Suites
 from selfheal.body.body import Bodies, Floats
 from selfheal.body.genome import build_bodies
 from selfheal.diagnosis.output.replay import replay_recording
@@ -33,19 +33,13 @@ FIRST, MOVES, TRIAL = 6000, 4, 900
 _WALK = 10.0  # [s] that the gait is walked
 
 
-def list_starfish(count: int) -> KeyedRuns:
-    """Runs of the simulated starfish, with seeds from 6000 on."""
+def list_runs(count: int, *, robot: str) -> KeyedRuns:
+    """Runs of hidden robots, with seeds from 6000 on."""
     for seed in range(FIRST, FIRST + count):
-        yield f"{seed}", partial(_measure, "starfish", seed)
+        yield f"{seed}", partial(_measure, robot.format(seed), seed)
 
 
-def list_trees(count: int) -> KeyedRuns:
-    """Runs of random trees, whose limbs may have to carry them."""
-    for seed in range(FIRST, FIRST + count):
-        yield f"{seed}", partial(_measure, f"tree:{seed}", seed)
-
-
-def _measure(name: str, seed: int) -> dict[str, Any]:
+def _measure(name: str, seed: int) -> Record:
     """Identify a robot with moves, and compare with what it hides."""
     robot = open_robot(name, seed=seed)
     assert isinstance(robot, SimulatedRobot)
@@ -65,14 +59,16 @@ def _measure(name: str, seed: int) -> dict[str, Any]:
         "exact": bool((body.parent == robot.truth.parent).all()),
         "held": told["held"],
         "verdict": told["verdict"],
-        "horizons": [{k: h[k] for k in ("seconds", "given", "refit", "patched",
-                                        "floor")} for h in horizons],
+        "horizons": [
+            {k: h[k] for k in ("seconds", "given", "refit", "patched", "floor")}
+            for h in horizons
+        ],
         "effects": sorted({f["effect"] for f in document["findings"]}),
         "speed": [float(plant.speed.mean()), float(truth.speed[0])],
         "delay": [plant.delay, truth.delay],
         "offset": [plant.offset.tolist(), offset.tolist()],
         **walks,
-    }  # fmt: skip
+    }
 
 
 def _read_plant(body: Bodies, document: Mapping[str, Any]) -> Plant:
@@ -122,8 +118,10 @@ def _compare_walks(
 
 def _read_angles(episode: Episode, body: Bodies) -> Floats:
     """(S, P) angles of the joints [rad] at each sample of a walk."""
-    angles = np.stack([episode.signals[f"{joint}_position"].values
-                       for joint in body.anatomy.joints], axis=1)  # fmt: skip
+    angles = np.stack(
+        [episode.signals[f"{joint}_position"].values for joint in body.anatomy.joints],
+        axis=1,
+    )
     return angles[np.isfinite(angles).all(axis=1)]
 
 
@@ -165,3 +163,10 @@ def _replay(asked: Episode, room: Path, folder: Path | None) -> Episode:
     rows = np.flatnonzero(np.isfinite(next(iter(asked.signals.values())).values))
     signals = {k: replace(s, values=s.values[rows]) for k, s in found.signals.items()}
     return replace(found, time=found.time[rows], ctrl=found.ctrl[rows], signals=signals)
+
+
+SUITES: Suites = {
+    "starfish": (partial(list_runs, robot="starfish"), 5),
+    # limbs of trees may have to carry them
+    "trees": (partial(list_runs, robot="tree:{}"), 1),
+}

@@ -21,7 +21,7 @@ from argparse import Namespace
 from pathlib import Path
 
 from benchmarks.suites import complete_suite, read_records
-from benchmarks.writer import make_parser
+from benchmarks.writer import count_cores, make_parser, publish_page
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # no threads where forks begin
 
@@ -49,31 +49,28 @@ def _do_study(asked: Namespace, place: Path) -> None:
     from benchmarks.hardening.disk import list_disk_runs
     from benchmarks.hardening.kills import list_kill_runs
     from benchmarks.hardening.originals import KINDS
-    from benchmarks.hardening.page import write_page
+    from benchmarks.hardening.page import STUDIES, compute_figures
     from benchmarks.hardening.short_logs import publish_short_logs
 
     if asked.seed is not None:
-        fuzz.open_workshop(place)
         keep = asked.keep and asked.keep.resolve()
-        found = fuzz.try_mutant(asked.kind, asked.seed, keep)
+        found = fuzz.try_mutant(place, asked.kind, asked.seed, keep)
         print(found.pop("said"))
         print(json.dumps(found, indent=1))
     elif asked.study == "page":
-        write_page(asked.root)
+        known = {study: read_records(f"hardening-{study}") for study in STUDIES}
+        page = Path(__file__).with_name("page.md")
+        publish_page(asked.root, "hardening", page, compute_figures(known))
     elif asked.study == "short":
         publish_short_logs(asked.root, asked.count or 300)
+    elif asked.study == "fuzz":
+        kinds = (asked.kind,) if asked.kind else KINDS
+        runs = fuzz.list_runs(place, asked.count or 10_000, kinds)
+        complete_suite("hardening-fuzz", runs, count_cores())
+    elif asked.study == "disk":
+        complete_suite("hardening-disk", list_disk_runs(place, asked.count or 40))
     else:
-        if asked.study == "fuzz":
-            kinds = (asked.kind,) if asked.kind else KINDS
-            mutants = fuzz.list_mutants(asked.count or 10_000, kinds)
-            done = read_records("hardening", "fuzz")
-            left = [(k, s) for k, s in mutants if f"{k} {s}" not in done]
-            runs = fuzz.list_runs(place, left)
-        elif asked.study == "disk":
-            runs = list_disk_runs(place, asked.count or 40)
-        else:
-            runs = list_kill_runs(place, asked.count or 100)
-        complete_suite("hardening", asked.study, runs)
+        complete_suite("hardening-kills", list_kill_runs(place, asked.count or 100))
 
 
 if __name__ == "__main__":

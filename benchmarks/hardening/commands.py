@@ -43,8 +43,13 @@ class WritingCommand:
 
 def _make_run_command(start: str, name: str, file: str) -> WritingCommand:
     again = f"{name} --resume {OUT}/{file} --json"
-    return WritingCommand(f"{start} --out {OUT} --json", again, again, f"{OUT}/{file}",
-                          (f"{OUT}/report.html",))  # fmt: skip
+    return WritingCommand(
+        f"{start} --out {OUT} --json",
+        again,
+        again,
+        f"{OUT}/{file}",
+        (f"{OUT}/report.html",),
+    )
 
 
 _DIAGNOSE = f"diagnose model.xml arm.h5 --out {OUT}/found --json"
@@ -52,7 +57,8 @@ _REPLAY = f"replay diagnosis arm.h5 --out {OUT}/predicted.h5"
 COMMANDS = {
     "identify": _make_run_command(
         "identify --robot starfish --engine statics --budget 500 --cycles 2",
-        "identify", "run.h5",
+        "identify",
+        "run.h5",
     ),
     "heal": _make_run_command(
         "heal run.h5 --damage dead:left_hip_position", "heal", "heal.h5"
@@ -61,14 +67,16 @@ COMMANDS = {
         "recover --robot quadruped --scenario 1", "recover", "recover.h5"
     ),
     "diagnose": WritingCommand(
-        _DIAGNOSE, f"{_DIAGNOSE} --force", f"{_DIAGNOSE} --resume --force",
+        _DIAGNOSE,
+        f"{_DIAGNOSE} --force",
+        f"{_DIAGNOSE} --resume --force",
         f"{OUT}/found/diagnosis.json",
         (f"{OUT}/found/patched.xml", f"{OUT}/found/report.html"),
     ),
     "replay": WritingCommand(
         _REPLAY, f"{_REPLAY} --force", f"{_REPLAY} --force", f"{OUT}/predicted.h5"
     ),
-}  # fmt: skip
+}
 
 
 def run_writer(words: str, folder: Path, **more: Any) -> Ended:

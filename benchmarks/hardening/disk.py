@@ -38,8 +38,9 @@ def mount_disk(place: Path, size: int) -> Iterator[None]:
     """
     made = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", f"size={size}k", "tmpfs", place],
-        capture_output=True, text=True,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+    )
     if made.returncode:
         raise SystemExit(
             f"no disk of a chosen size can be mounted here ({made.stderr.strip()}); "

@@ -1,13 +1,11 @@
 """Mutants of all kinds of files: kinds and seeds in; what commands did out."""
 
-import multiprocessing
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -26,9 +24,6 @@ from benchmarks.hardening.process import (
     stop_at_progress,
 )
 from benchmarks.suites import KeyedRuns, Record
-from benchmarks.writer import count_cores
-
-_ORIGINALS: dict[str, Path] = {}  # folders of originals, by kind, of this process
 
 
 @dataclass(frozen=True)
@@ -85,17 +80,21 @@ def _copy_file(source: str, target: str) -> None:
         shutil.copyfile(source, target)
 
 
-def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
+def try_mutant(
+    workshop: Path, kind: str, seed: int, keep: Path | None = None
+) -> Record:
     """Give a mutant to its command, in a folder of its own.
 
     Args:
+        workshop: folder for all that is made.
         kind: one of `KINDS`.
         keep: the folder; None makes one and removes it.
 
     Returns:
         The command, its exit code, its faults, its time [s] and its memory [MB].
     """
-    folder = _find_originals(kind)
+    load_program()
+    folder = _find_originals(workshop, kind)
     mutant = make_mutant(folder, kind, seed)
     with tempfile.TemporaryDirectory(prefix="mutant-", dir=folder.parent) as home:
         place = keep or Path(home) / "work"
@@ -114,43 +113,21 @@ def try_mutant(kind: str, seed: int, keep: Path | None = None) -> Record:
         }
 
 
-def _find_originals(kind: str) -> Path:
-    """The originals of a kind, made when they are first asked for."""
-    if kind not in _ORIGINALS:
-        place = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=os.environ[_PLACE]))
-        folder = place / "originals"
-        folder.mkdir()
-        make_originals(folder, kind)
-        _ORIGINALS[kind] = folder
-    return _ORIGINALS[kind]
+@cache
+def _find_originals(workshop: Path, kind: str) -> Path:
+    """The originals of a kind, made when this process first asks for them."""
+    folder = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=workshop)) / "originals"
+    folder.mkdir()
+    make_originals(folder, kind)
+    return folder
 
 
-_PLACE = "SELFHEAL_HARDENING"  # environment variable: a folder for all that is made
-
-
-def open_workshop(place: Path) -> None:
-    """Make this process one that tries mutants, in a folder."""
-    os.environ[_PLACE] = str(place)
-    load_program()
-
-
-def list_mutants(count: int, kinds: Sequence[str] = KINDS) -> list[tuple[str, int]]:
-    """Kinds and seeds of a campaign of so many mutants, kind after kind in turns."""
-    return [(kinds[k % len(kinds)], k // len(kinds)) for k in range(count)]
-
-
-def list_runs(place: Path, mutants: Iterable[tuple[str, int]]) -> KeyedRuns:
-    """A run for each mutant; as many processes as cores do them ahead.
+def list_runs(workshop: Path, count: int, kinds: Sequence[str] = KINDS) -> KeyedRuns:
+    """So many mutants, kind after kind in turns.
 
     Args:
-        place: a folder, which has to be there until all are done.
+        workshop: a folder, which has to be there until all are done.
     """
-    pool = ProcessPoolExecutor(
-        count_cores(),
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=open_workshop,
-        initargs=(place,),
-    )
-    made = [(f"{kind} {seed}", pool.submit(try_mutant, kind, seed))
-            for kind, seed in mutants]  # fmt: skip
-    return [(key, partial(future.result)) for key, future in made]
+    for k in range(count):
+        kind, seed = kinds[k % len(kinds)], k // len(kinds)
+        yield f"{kind} {seed}", partial(try_mutant, workshop, kind, seed)

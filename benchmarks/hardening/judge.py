@@ -38,8 +38,13 @@ def list_faults(
     Args:
         folder: in which it worked, subfolders included.
     """
-    found = [] if ended.megabytes < MOST_MEGABYTES else [Fault("memory", _find_place(
-        ended.said) or f"over {MOST_MEGABYTES:.0f} MB")]  # fmt: skip
+    found = (
+        []
+        if ended.megabytes < MOST_MEGABYTES
+        else [
+            Fault("memory", _find_place(ended.said) or f"over {MOST_MEGABYTES:.0f} MB")
+        ]
+    )
     if ended.code is None:
         what = "hang" if ended.hung else "crash"
         return [*found, Fault(what, f"{ended.signal}: {_find_place(ended.said)}")]

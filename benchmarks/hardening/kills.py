@@ -51,8 +51,11 @@ def call_at_writes(act: Callable[[int], None], folder: Path) -> None:
             reach()
 
     sys.addaudithook(hear)
-    for place, name in ((h5py.File, "__init__"), (h5py.File, "close"),
-                        (h5py.Group, "create_dataset")):  # fmt: skip
+    for place, name in (
+        (h5py.File, "__init__"),
+        (h5py.File, "close"),
+        (h5py.Group, "create_dataset"),
+    ):
         setattr(place, name, _tell_before(getattr(place, name), reach))
 
 
@@ -100,9 +103,11 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     for name in COMMANDS:
         whole = copy_folder(place / "inputs", place / name)
         count_up = partial(note, whole / _COUNT)
-        ended = run_writer(COMMANDS[name].start, whole,
-                           prepare=partial(call_at_writes, count_up, whole)
-                           )  # fmt: skip
+        ended = run_writer(
+            COMMANDS[name].start,
+            whole,
+            prepare=partial(call_at_writes, count_up, whole),
+        )
         if ended.code != 0:
             raise RuntimeError(ended.said)
         most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
@@ -123,8 +128,9 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
     with tempfile.TemporaryDirectory(prefix="kill-") as home:
         folder = copy_folder(inputs, Path(home) / "work")
         kill = partial(_kill_at, moment)
-        killed = run_writer(command.start, folder,
-                            prepare=partial(call_at_writes, kill, folder))  # fmt: skip
+        killed = run_writer(
+            command.start, folder, prepare=partial(call_at_writes, kill, folder)
+        )
         if killed.signal != "SIGKILL":
             faults.append(Fault("crash", f"not killed: {killed.code} {killed.signal}"))
         goes_on = (folder / command.main).exists() or name == "diagnose"
@@ -134,8 +140,11 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
         if ended.code == 0:
             if read_main(name, folder) != read_main(name, whole):
                 faults.append(Fault("other result", command.main))
-            faults += [Fault("lost", other) for other in command.others
-                       if not (folder / other).exists()]  # fmt: skip
+            faults += [
+                Fault("lost", other)
+                for other in command.others
+                if not (folder / other).exists()
+            ]
             faults += [Fault("leftover", p.name) for p in folder.rglob(".*.unfinished")]
     told = {"moment": moment, "code": ended.code, "command": words}
     return {**told, "faults": [*map(asdict, faults)], "said": ended.said[-2000:]}

@@ -57,17 +57,33 @@ def write_logs(folder: Path) -> None:
     for name, encode in ENCODERS.items():
         (folder / name).write_bytes(encode(columns))
     both = [{n: c[columns["run"] == k] for n, c in columns.items()} for k in (0, 1)]
-    (folder / "runs.json").write_text(json.dumps({"robot": "arm", "dt": 0.01, "runs": [
-        {"label": f"run {k}", **_make_lists(run)} for k, run in enumerate(both)
-    ]}))  # fmt: skip
+    (folder / "runs.json").write_text(
+        json.dumps(
+            {
+                "robot": "arm",
+                "dt": 0.01,
+                "runs": [
+                    {"label": f"run {k}", **_make_lists(run)}
+                    for k, run in enumerate(both)
+                ],
+            }
+        )
+    )
     numbers = pd.DataFrame(columns).select_dtypes("number")
     np.save(folder / "log.npy", numbers.to_records(index=False))
     save_archive(
         folder / "log.pt", {n: Tensor(c.to_numpy()) for n, c in numbers.items()}
     )
-    runs = [Run(run["t"] / 1e3, *(
-        np.column_stack([run[name] for name in names]) / 60 for names in _VECTORS
-    )) for run in both]  # fmt: skip
+    runs = [
+        Run(
+            run["t"] / 1e3,
+            *(
+                np.column_stack([run[name] for name in names]) / 60
+                for names in _VECTORS
+            ),
+        )
+        for run in both
+    ]
     write_lerobot(folder / "lerobot", runs, JOINTS)
     _write_hdf5(folder / "log.hdf5", both)
     _write_bags(folder, runs)
@@ -97,8 +113,13 @@ def _encode_parquet(columns: Columns) -> bytes:
 def _encode_by(save: Callable[[IO[bytes], Any], None], columns: Columns) -> bytes:
     """What a function saves of columns whose texts are NumPy's."""
     buffer = io.BytesIO()
-    save(buffer, {n[:31]: c.astype("U") if c.dtype.kind == "O" else c
-                  for n, c in columns.items()})  # fmt: skip
+    save(
+        buffer,
+        {
+            n[:31]: c.astype("U") if c.dtype.kind == "O" else c
+            for n, c in columns.items()
+        },
+    )
     return buffer.getvalue()
 
 
@@ -106,8 +127,11 @@ def _encode_by(save: Callable[[IO[bytes], Any], None], columns: Columns) -> byte
 ENCODERS: Mapping[str, Callable[[Columns], bytes]] = {
     "log.csv": encode_csv,
     "log.txt": lambda c: b"# a robot's\n" + encode_csv(c).replace(b",", b"  "),
-    "log.tsv": lambda c: encode_csv(c, sep="\t", lineterminator="\r\n")
-    .decode(errors="replace").encode("utf-16"),
+    "log.tsv": lambda c: (
+        encode_csv(c, sep="\t", lineterminator="\r\n")
+        .decode(errors="replace")
+        .encode("utf-16")
+    ),
     "log.csv.gz": lambda c: gzip.compress(encode_csv(c), mtime=0),
     "log.parquet": _encode_parquet,
     "log.npz": partial(_encode_by, lambda file, c: np.savez(file, **c)),
@@ -117,7 +141,7 @@ ENCODERS: Mapping[str, Callable[[Columns], bytes]] = {
         f"{json.dumps(row, default=str)}\n"
         for row in pd.DataFrame(c).to_dict("records")
     ).encode(),
-}  # fmt: skip
+}
 
 
 def _write_hdf5(path: Path, runs: Sequence[Columns]) -> None:
@@ -138,8 +162,17 @@ def _write_bags(folder: Path, runs: Sequence[Run]) -> None:
     write_ros2_bag(folder / "bag", runs, JOINTS)
     every: Any = ((), (), (), ())  # topics and types to include and to exclude
     for target, storage, version in (("log.bag", "", 1), ("mcap", "mcap", 9)):
-        convert([folder / "bag"], folder / target, storage, version, None, "file",
-                None, None, *every)  # fmt: skip
+        convert(
+            [folder / "bag"],
+            folder / target,
+            storage,
+            version,
+            None,
+            "file",
+            None,
+            None,
+            *every,
+        )
     (made,) = (folder / "bag").glob("*.db3")
     made.rename(folder / "log.db3")
     (made,) = (folder / "mcap").glob("*.mcap")
@@ -157,8 +190,12 @@ def decode_mcap(content: bytes) -> dict[str, Any]:
     channels, messages = dict[str, Any](), list[Any]()
     for schema, channel, message in make_reader(io.BytesIO(content)).iter_messages():
         assert schema is not None
-        channels[channel.topic] = [schema.name, schema.encoding, schema.data,
-                                   channel.message_encoding]  # fmt: skip
+        channels[channel.topic] = [
+            schema.name,
+            schema.encoding,
+            schema.data,
+            channel.message_encoding,
+        ]
         messages.append([channel.topic, message.log_time, message.data])
     return {"channels": channels, "messages": messages}
 
@@ -173,8 +210,12 @@ def encode_mcap(tree: Any, *, packed: bool = False) -> bytes:
     from mcap.writer import CompressionType, Writer
 
     buffer, kind = io.BytesIO(), CompressionType
-    writer = Writer(buffer, chunk_size=2_000, enable_crcs=False,
-                    compression=kind.ZSTD if packed else kind.NONE)  # fmt: skip
+    writer = Writer(
+        buffer,
+        chunk_size=2_000,
+        enable_crcs=False,
+        compression=kind.ZSTD if packed else kind.NONE,
+    )
     writer.start("ros2")
     ids = dict[str, int]()
     channels = tree.get("channels")

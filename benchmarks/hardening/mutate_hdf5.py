@@ -13,19 +13,24 @@ from benchmarks.hardening.mutate_trees import Rng, choose, mutate_json
 _HUGE = 2**40  # values that a dataset declares and does not hold
 _MOST_VALUES = 10**6  # of a dataset that is changed
 _POISON = (np.nan, np.inf, -np.inf, 1e307, -1e307, -1.0, 0.0, 1e12, 2.0**63)
-_DTYPES = ("i1", "u8", "i8", "f2", "f4", ">f8", "c16", "?", "S8", "V5",
-           [("x", "f8"), ("y", "i4")], h5py.string_dtype(), h5py.ref_dtype,
-           h5py.vlen_dtype("f8"), h5py.enum_dtype({"a": 1, "b": 2}))  # fmt: skip
+_DTYPES = (
+    *"i1 u8 i8 f2 f4 >f8 c16 ? S8 V5".split(),
+    *([("x", "f8"), ("y", "i4")], h5py.string_dtype(), h5py.ref_dtype),
+    *(h5py.vlen_dtype("f8"), h5py.enum_dtype({"a": 1, "b": 2})),
+)
 _NAMES = ("extra", "000", "time", "told", "é", "a" * 300)
-_LINKS = (h5py.SoftLink("/"), h5py.SoftLink("/nowhere"),
-          h5py.ExternalLink("other.h5", "/"), h5py.ExternalLink("/etc/passwd", "/")
-          )  # fmt: skip
+_LINKS = (
+    h5py.SoftLink("/"),
+    h5py.SoftLink("/nowhere"),
+    h5py.ExternalLink("other.h5", "/"),
+    h5py.ExternalLink("/etc/passwd", "/"),
+)
 _MEMBERS = (1.0, np.zeros(3), "text", np.dtype("f8"), h5py.Empty("f8"), *_LINKS)
 _ATTRIBUTES = (
-    7, -1.5, np.nan, np.arange(3), "", "no such", 60_000 * "x", h5py.Empty("f8"),
-    np.bytes_(b"\xff\xfe"), ["a", "b"], np.void(b"abc"), "null", "[]", "{}", "[[",
-    "1e999", np.zeros((2, 2)), True,
-)  # fmt: skip
+    *(7, -1.5, np.nan, np.arange(3), "", "no such", 60_000 * "x", h5py.Empty("f8")),
+    *(np.bytes_(b"\xff\xfe"), ["a", "b"], np.void(b"abc")),
+    *("null", "[]", "{}", "[[", "1e999", np.zeros((2, 2)), True),
+)
 _TEXTS = (b"", b"null", b"[]", b"3", b'"text"', b"{")
 
 
@@ -59,9 +64,11 @@ def _is_array(item: Any) -> bool:
 
 
 def _is_text(item: Any) -> bool:
-    return _is_array(item) and item.shape is not None and bool(
-        h5py.check_string_dtype(item.dtype)
-    )  # fmt: skip
+    return (
+        _is_array(item)
+        and item.shape is not None
+        and bool(h5py.check_string_dtype(item.dtype))
+    )
 
 
 def _drop_member(file: h5py.File, rng: Rng) -> None:
@@ -114,8 +121,9 @@ def _poison(parent: h5py.Group, name: str, values: Any, rng: Rng) -> None:
 def _declare_huge(parent: h5py.Group, name: str, values: Any, rng: Rng) -> None:
     rows, width = int(choose((10**6, 10**8, _HUGE), rng)), values.shape[1:]
     if all(width):
-        parent.create_dataset(name, (rows, *width), "f8", chunks=(64, *width),
-                              compression="gzip")  # fmt: skip
+        parent.create_dataset(
+            name, (rows, *width), "f8", chunks=(64, *width), compression="gzip"
+        )
 
 
 def _store_elsewhere(parent: h5py.Group, name: str, values: Any, rng: Rng) -> None:
@@ -138,11 +146,17 @@ def _set(parent: h5py.Group, name: str, values: Any, rng: Rng) -> None:
 
 
 _SUBSTITUTES: tuple[Callable[[h5py.Group, str, Any, Rng], None], ...] = (
-    _set, _reshape, _cut_rows, _poison, _poison, _declare_huge, _store_elsewhere,
+    _set,
+    _reshape,
+    _cut_rows,
+    _poison,
+    _poison,
+    _declare_huge,
+    _store_elsewhere,
     lambda parent, name, values, rng: parent.create_dataset(
         name, values.shape, choose(_DTYPES, rng)
     ),
-)  # fmt: skip
+)
 
 
 def _change_attribute(file: h5py.File, rng: Rng) -> None:
@@ -175,5 +189,10 @@ def _change_text(file: h5py.File, rng: Rng) -> None:
         item[...] = rows.reshape(item.shape) if item.shape else rows[0]
 
 
-_CHANGES = (_drop_member, _add_member, *5 * (_replace,), *2 * (_change_attribute,),
-            *2 * (_change_text,))  # fmt: skip
+_CHANGES = (
+    _drop_member,
+    _add_member,
+    *5 * (_replace,),
+    *2 * (_change_attribute,),
+    *2 * (_change_text,),
+)

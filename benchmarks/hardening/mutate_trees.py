@@ -83,10 +83,11 @@ def change_tree(tree: Any, draw_odd: Callable[[Any, Rng], Any], rng: Rng) -> Any
 
 _DEEP = "nested deeply"  # stands for lists in lists until the text is written
 _ODD: tuple[Any, ...] = (
-    None, True, False, 0, -1, 1e307, -1e307, 10**400, 2**63, float("nan"),
-    float("inf"), "", "nan", "no such name", "joint:no_such", "../../etc/passwd",
-    100_000 * "x", [], {}, [None], {"": None}, [[]], 1000 * [0.5], _DEEP,
-)  # fmt: skip
+    *(None, True, False, 0, -1, 1e307, -1e307, 10**400, 2**63),
+    *(float("nan"), float("inf"), "", "nan", "no such name", "joint:no_such"),
+    *("../../etc/passwd", 100_000 * "x", [], {}, [None], {"": None}, [[]]),
+    *(1000 * [0.5], _DEEP),
+)
 
 
 def _draw_odd_json(value: Any, rng: Rng) -> Any:
@@ -156,11 +157,12 @@ mutate_toml = make_mutation(
 
 # ---- tables as text
 
-_CELLS = (b"", b"nan", b"NaN", b"inf", b"-inf", b"1e400", b"-1e307", b"0x10", b"1,5",
-          b"text", b"\xff\xfe", b"\xc3\xa9", b"\0", b'"', b'"a\nb"', b"[1, 2]",
-          b"2026-01-01T00:00:00Z", b"true", 10_000 * b"9", 300_000 * b"x", b"--", b"\r",
-          b"= {", b"[[", b'"""', b"\\u0000", b"9e999999999", b"18446744073709551616"
-          )  # fmt: skip
+_CELLS = (
+    *b"|nan|NaN|inf|-inf|1e400|-1e307|0x10|1,5|text|\xff\xfe|\xc3\xa9|\0".split(b"|"),
+    *b'"|"a\nb"|[1, 2]|2026-01-01T00:00:00Z|true'.split(b"|"),
+    *(10_000 * b"9", 300_000 * b"x"),
+    *b'--|\r|= {|[[|"""|\\u0000|9e999999999|18446744073709551616'.split(b"|"),
+)
 _CODES = ("utf-16", "utf-32", "latin-1", "utf-8-sig", "cp500")
 _SHARE = 0.1  # of texts that get another encoding; chosen
 
@@ -191,24 +193,35 @@ _mutate_cells = make_mutation(
 # ---- XML: an element is a list of its name, its attributes and its elements
 
 _ODD_FILE = Path(__file__).parent / "files" / "odd.xml"
-_NUMBERS = ("nan", "inf", "-inf", "0", "-1", "-0.5", "1e308", "1e400", "1e-308", "1e12",
-            "1e-12", "abc", "", "0x10", "1,5", "99999999999")  # fmt: skip
-_TEXTS = ("", "no_such", "é", 70_000 * "n", "world", "true", "a b", "/", "..", "%s",
-          "frame", "include", "joint", "body")  # fmt: skip
+_NUMBERS = (
+    "nan|inf|-inf|0|-1|-0.5|1e308|1e400|1e-308|1e12|1e-12|abc||0x10|1,5|99999999999"
+).split("|")
+_TEXTS = (
+    *("", "no_such", "é", 70_000 * "n"),
+    *"world|true|a b|/|..|%s|frame|include|joint|body".split("|"),
+)
 # an element of such a name stands for so many, one in the other, until the text is
 # written: Python's trees are not made for that depth
-_NESTS = {f"nest{depth}{tag}": (depth, tag) for depth in (2, 50, 300, 3000)
-          for tag in ("frame", "body", "worldbody", "default")}  # fmt: skip
+_NESTS = {
+    f"nest{depth}{tag}": (depth, tag)
+    for depth in (2, 50, 300, 3000)
+    for tag in ("frame", "body", "worldbody", "default")
+}
 _ENTITIES = "".join(
     f'<!ENTITY e{k} "{10 * f"&e{k - 1};"}">' if k else '<!ENTITY e0 "lol">'
     for k in range(10)
 )
 # what may stand before the root
 _PREFIXES = (
-    f"<!DOCTYPE mujoco [{_ENTITIES}]>\n", '<!DOCTYPE mujoco SYSTEM "/etc/passwd">\n',
-    '<?xml version="1.0" encoding="utf-16"?>\n', "\ufeff", "text\n", "<!-- -- -->\n",
-    1_000_000 * "\n", "\x00",
-)  # fmt: skip
+    f"<!DOCTYPE mujoco [{_ENTITIES}]>\n",
+    '<!DOCTYPE mujoco SYSTEM "/etc/passwd">\n',
+    '<?xml version="1.0" encoding="utf-16"?>\n',
+    "\ufeff",
+    "text\n",
+    "<!-- -- -->\n",
+    1_000_000 * "\n",
+    "\x00",
+)
 _ODD_ELEMENT, _PREFIX = 0.25, 0.05  # shares of models that get such; chosen
 
 

@@ -4,9 +4,10 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import h5py
@@ -33,9 +34,18 @@ from benchmarks.hardening.process import Ended, run_forked, run_selfheal
 from benchmarks.writer import INTACT
 
 KINDS = ("recording", "model", "run", "study", "diagnosis", "logs")
-_BINARY: tuple[Mutate, ...] = (mutate_bytes, mutate_hdf5, mutate_hdf5)
-_XML: tuple[Mutate, ...] = (mutate_bytes, mutate_xml, mutate_xml, mutate_xml)
-_JSON: tuple[Mutate, ...] = (mutate_bytes, mutate_json, mutate_json, mutate_json)
+_MUTATIONS: Mapping[str, Mutate] = {
+    "bytes": mutate_bytes,
+    "gzip": mutate_gzip,
+    "hdf5": mutate_hdf5,
+    "json": mutate_json,
+    "lines": mutate_lines,
+    "mcap": mutate_mcap,
+    "text": mutate_text,
+    "toml": mutate_toml,
+    "xml": mutate_xml,
+    "zip": mutate_zip,
+}
 _PAUSE = 5.0  # [s] after which a search that shows progress is taken for a good one
 _MADE = 300.0  # [s] that making an original may take
 
@@ -57,108 +67,31 @@ class Original:
     pause: float = _PAUSE
 
 
+@cache
 def list_originals(kind: str) -> list[Original]:
     """The originals of a kind, in the folder that `make_originals` makes."""
-    return [
-        replace(o, commands=[c.format(o.file) for c in o.commands])
-        for o in _ORIGINALS[kind]
-    ]
+    tables = tomllib.loads((FILES / "originals.toml").read_text())[kind]
+    read = _read_log if kind == "logs" else _read_original
+    return [read(**table) for table in tables]
 
 
-def _make_log(
-    file: str, *mutate: Mutate, log: str = "", map_file: str = "map.toml"
+def _read_original(
+    file: str, damage: str, commands: Sequence[str], pause: float = _PAUSE
 ) -> Original:
-    """A log, or a part of one.
-
-    Args:
-        *mutate: ways to damage it, beside those of bytes.
-        log: that it is a part of; "" if it is one.
-    """
-    log = log or file
-    more = (make_column_mutation(file),) * 2 if file in ENCODERS else ()
-    commands = (f"recording import {log} --model {MODEL} --map {map_file} --out {OUT}",
-                f"recording import {log} --model {MODEL} --guess --out guess.toml"
-                )  # fmt: skip
-    return Original(file, (mutate_bytes, *mutate, *more), (commands[0], *commands))
+    mutate = [_MUTATIONS[name] for name in damage.split()]
+    return Original(file, mutate, [c.format(file) for c in commands], pause)
 
 
-_RESUMED = "--resume {} --json"
-_ORIGINALS = {
-    "recording": [
-        Original("arm.h5", _BINARY,
-                 ("recording check {}", "recording check {} --model model.xml --json",
-                  "replay diagnosis {} --out predicted.h5",
-                  "diagnose model.xml {} --out found")),
-        Original("walk.h5", _BINARY, ("recording check {} --json",
-                                      "watch body.xml {} --json")),
-        Original("poses.h5", _BINARY, ("recording check {}", "watch body.xml {}")),
-    ],
-    "model": [
-        Original("model.xml", _XML, ("recording check arm.h5 --model {}",
-                                     "diagnose {} arm.h5 --out found",
-                                     "replay diagnosis arm.h5 --out p.h5 --model {}")),
-        Original("rich.xml", _XML, ("diagnose {} arm.h5 --out found",
-                                    "recording check arm.h5 --model {}",
-                                    "replay diagnosis arm.h5 --out p.h5 --model {}")),
-        Original("part.xml", _XML, ("recording check arm.h5 --model rich.xml",
-                                    "diagnose rich.xml arm.h5 --out found")),
-        Original("asset.obj", (mutate_bytes,),
-                 ("diagnose rich.xml arm.h5 --out found",)),
-        Original("arm.urdf", _XML, ("recording check free.h5 --model {}",
-                                    "diagnose {} free.h5 --out found")),
-        Original("body.xml", _XML, ("watch {} poses.h5", "watch {} walk.h5 --json")),
-    ],
-    "run": [
-        Original("run.h5", _BINARY, ("show {}", "show {} --json", "gait {}",
-                                     "heal {} --damage left_lower:0.4 --out healed")),
-        Original("begun.h5", _BINARY, (f"identify {_RESUMED}", "show {}")),
-        Original("ended.h5", _BINARY, (f"identify {_RESUMED}", "show {}")),
-        Original("heal.h5", _BINARY, (f"heal {_RESUMED}",)),
-        Original("begun-heal.h5", _BINARY, (f"heal {_RESUMED}",)),
-        Original("recover.h5", _BINARY, (f"recover {_RESUMED}",)),
-        Original("begun-recover.h5", _BINARY, (f"recover {_RESUMED}",)),
-    ],
-    "study": [
-        Original("study.h5", _BINARY, ("study show {}", "study show {} --json",
-                                       "study eea --resume {}"), pause=0.0),
-        Original("study.h5.journal", _JSON, ("study show study.h5",
-                                             "study eea --resume study.h5"), pause=0.0),
-    ],
-    "diagnosis": [
-        Original("diagnosis/diagnosis.json", _JSON,
-                 ("replay diagnosis arm.h5 --out predicted.h5",
-                  "replay diagnosis arm.h5 --out predicted.h5 --model model.xml")),
-        Original("diagnosis/patched.xml", _XML,
-                 ("replay diagnosis arm.h5 --out predicted.h5",)),
-    ],
-    "logs": [
-        _make_log("log.csv", mutate_text),
-        _make_log("log.txt", mutate_text),
-        _make_log("log.tsv"),
-        _make_log("log.csv.gz", mutate_gzip),
-        _make_log("log.parquet"),
-        _make_log("lerobot/data/chunk-000/episode_000000.parquet", log="lerobot",
-                  map_file="lerobot.toml"),
-        _make_log("lerobot/meta/info.json", mutate_json, log="lerobot",
-                  map_file="lerobot.toml"),
-        _make_log("log.json", mutate_json),
-        _make_log("runs.json", mutate_json),
-        _make_log("log.jsonl", mutate_lines),
-        _make_log("log.npz", mutate_zip),
-        _make_log("log.npy"),
-        _make_log("log.mat"),
-        _make_log("log.pt", mutate_zip),
-        _make_log("log.hdf5", mutate_hdf5),
-        _make_log("log.bag", map_file="bag.toml"),
-        _make_log("log.db3", map_file="bag.toml"),
-        _make_log("log.mcap", mutate_mcap, map_file="bag.toml"),
-        _make_log("packed.mcap", map_file="bag.toml"),
-        _make_log("json.mcap", map_file="json.toml"),
-        _make_log("map.toml", mutate_text, mutate_toml, mutate_toml, log="log.csv"),
-        _make_log("bag.toml", mutate_text, mutate_toml, log="log.mcap",
-                  map_file="bag.toml"),
-    ],
-}  # fmt: skip
+def _read_log(
+    file: str, damage: str = "", log: str = "", map: str = "map.toml"
+) -> Original:
+    """A log, or a part of one; most are imported by a map, and some without."""
+    start = f"recording import {log or file} --model {MODEL}"
+    mapped = f"{start} --map {map} --out {OUT}"
+    commands = (mapped, mapped, f"{start} --guess --out guess.toml")
+    mutate = [_MUTATIONS[name] for name in f"bytes {damage}".split()]
+    columns = [make_column_mutation(file)] * 2 if file in ENCODERS else []
+    return Original(file, [*mutate, *columns], commands)
 
 
 def make_originals(folder: Path, kind: str) -> None:
@@ -199,17 +132,22 @@ def write_small_files(folder: Path) -> None:
     arm = record(ROBOTS["arm"], episodes=3, seconds=1.0)
     write(arm, folder / "arm.h5")
     free = {
-        name: replace(e, ctrl=np.zeros((e.time.size, 0)), ctrl_names=(),
-                      signals={k: e.signals[k] for k in ("shoulder", "elbow")})
+        name: replace(
+            e,
+            ctrl=np.zeros((e.time.size, 0)),
+            ctrl_names=(),
+            signals={k: e.signals[k] for k in ("shoulder", "elbow")},
+        )
         for name, e in arm.episodes.items()
-    }  # fmt: skip
+    }
     write(replace(arm, episodes=free), folder / "free.h5")
     write(record_walks()[1], folder / "walk.h5")
     (folder / "body.xml").write_text(format_mjcf(BODY))
     # readings of a real robot where they are at hand
     damaged = INTACT.with_name("damaged.h5")
-    shutil.copy(damaged if damaged.is_file() else folder / "walk.h5",
-                folder / "poses.h5")  # fmt: skip
+    shutil.copy(
+        damaged if damaged.is_file() else folder / "walk.h5", folder / "poses.h5"
+    )
     _write_diagnosis(folder)
 
 
@@ -219,26 +157,8 @@ def _write_diagnosis(folder: Path) -> None:
 
     home = write_empty_diagnosis(folder / "diagnosis", folder / "model.xml")
     document = json.loads((home / "diagnosis.json").read_text())
-    document["findings"] = [
-        {"effect": effect, "target": target, **more,
-         "parameters": [{"name": n, "value": v, "low": v, "high": v, "unit": "1"}
-                        for n, v in values.items()]}
-        for effect, target, values, more in _FINDINGS
-    ]  # fmt: skip
-    document["refit"] = [{"parameter": "joint:elbow/damping", "given": 0.03,
-                          "value": 0.04, "low": 0.03, "high": 0.05}]  # fmt: skip
+    document |= json.loads((FILES / "findings.json").read_text())
     (home / "diagnosis.json").write_text(json.dumps(document))
-
-
-_FINDINGS: list[tuple[str, str, dict[str, object], dict[str, object]]] = [
-    ("coulomb_friction", "joint:elbow", {"frictionloss": 0.1}, {"native": True}),
-    ("command_delay", "actuator:elbow_servo", {"delay": 0.01}, {}),
-    ("cogging", "joint:shoulder", {"amplitude": 0.1, "poles": 7.0, "phase": 0.3},
-     {"where": {"onset": {"episode": "001", "time": 0.5, "low": 0.4, "high": 0.6}}}),
-    ("payload", "body:lower", {"mass": 0.1, "position": [0.0, 0.1, 0.0]}, {}),
-    ("sensor_bias", "sensor:tip", {"bias": [0.1, 0.0, 0.0]}, {}),
-    ("quantization", "sensor:elbow", {"step": 0.01}, {}),
-]  # fmt: skip
 
 
 def write_identified_run(folder: Path) -> None:
@@ -261,9 +181,9 @@ def _make_runs(folder: Path) -> None:
     _call_forked(partial(write_identified_run, folder), folder)
     for words in commands:
         _insist(run_selfheal(words.split(), folder, prepare=_stop_clock, seconds=_MADE))
-    for made, name in (("id/run", "ended"), ("id/run", "begun"), ("heal/heal", "heal"),
-                       ("heal/heal", "begun-heal"), ("recover/recover", "recover"),
-                       ("recover/recover", "begun-recover")):  # fmt: skip
+    for name in ("ended", "begun", "heal", "begun-heal", "recover", "begun-recover"):
+        command = name.removeprefix("begun-")
+        made = "id/run" if command in ("ended", "begun") else f"{command}/{command}"
         shutil.copy(folder / f"{made}.h5", folder / f"{name}.h5")
         if name.startswith("begun"):
             take_back(folder / f"{name}.h5")
@@ -302,18 +222,15 @@ def write_study(folder: Path) -> None:
     path = folder / "study.h5"
     begin_study(path, "eea", StudyRequest(1))
     ways = {"intact": 1.0, "damaged": 0.3, "healed": 0.8, "best_known": None}
-    lines = [
-        json.dumps({
-            "key": task.key, "settings": dict(task.settings), "error": "",
-            "outcome": {"named": bool(k % 2), "damage": [], "hypotheses": [],
-                        "actions": 3, "distance": ways},
-            "seconds": 1.0, "megabytes": 100, "worker": "w",
-        } if k else {"key": task.key, "settings": dict(task.settings), "outcome": None,
-                     "error": "ValueError: odd", "seconds": 0.0, "megabytes": 0,
-                     "worker": ""})
-        for k, task in enumerate(load_study(path).tasks[:-1])
-    ]  # fmt: skip
+    found = {"damage": [], "hypotheses": [], "actions": 3, "distance": ways}
+    failed = {"outcome": None, "error": "ValueError: odd", "worker": ""}
+    lines = list[str]()
+    for k, task in enumerate(load_study(path).tasks[:-1]):
+        done = {"outcome": {"named": bool(k % 2), **found}, "error": "", "worker": "w"}
+        spent = {"seconds": float(bool(k)), "megabytes": 100 * bool(k)}
+        record = {"key": task.key, "settings": dict(task.settings), **spent}
+        lines.append(json.dumps({**record, **(done if k else failed)}) + "\n")
     journal = find_journal(path)
-    journal.write_text("".join(f"{line}\n" for line in lines[:-4]))
+    journal.write_text("".join(lines[:-4]))
     merge_journal(path)
-    journal.write_text("".join(f"{line}\n" for line in lines[-4:]))
+    journal.write_text("".join(lines[-4:]))

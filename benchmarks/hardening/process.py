@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -50,6 +51,7 @@ class Ended:
     said: str
 
 
+@cache
 def load_program() -> None:
     """Import all modules of the program and make its searches short."""
     import selfheal

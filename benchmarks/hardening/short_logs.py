@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.writer import Section, publish_results
+from benchmarks.writer import publish_page
 from selfheal.recording import Episode, Recording
 from tests.support.recorded_robots import ROBOTS, record
 
@@ -32,8 +32,9 @@ Case = tuple[str, Recording]
 
 def cut(episode: Episode, rows: int) -> Episode:
     """The first rows of an episode."""
-    signals = {n: replace(s, values=s.values[:rows]) for n, s in
-               episode.signals.items()}  # fmt: skip
+    signals = {
+        n: replace(s, values=s.values[:rows]) for n, s in episode.signals.items()
+    }
     return replace(
         episode, time=episode.time[:rows], ctrl=episode.ctrl[:rows], signals=signals
     )
@@ -128,27 +129,11 @@ def run(diagnoses: int) -> dict[str, Any]:
     return {"outcomes": outcomes, "faults": faults}
 
 
-def make_sections(data: dict[str, Any]) -> list[Section]:
-    """The page."""
-    head = ("check answered", "check refused", "check fault",
-            "diagnose answered", "diagnose refused", "diagnose fault")  # fmt: skip
-    rows = [(name, *(c[h] for h in head)) for name, c in data["outcomes"].items()]
-    text = (
-        f"{ROWS[0]} to {ROWS[-1]} rows at {RATES[0]} to {RATES[-1]} Hz: one episode, "
-        "three, a long one and two short ones, three with readings missing, and one "
-        "with irregular times. The diagnoses are drawn from all of these at random and "
-        f"stopped after {60 * MINUTES:.0f} s. A fault is a traceback or a warning."
-    )
-    table = Section("Outcomes", text, ("robot", *head), rows)
-    each = "\n".join(f"- {fault}" for fault in data["faults"]) or "None."
-    return [table, Section("Faults", each)]
-
-
 def publish_short_logs(root: Path, count: int) -> None:
     """Check all short logs, and write docs/results/short-logs.md.
 
     Args:
         count: of those that are diagnosed as well.
     """
-    data = run(count)
-    publish_results(root, "short-logs", "Logs of a few rows", make_sections(data), data)
+    page = Path(__file__).with_name("short_logs.md")
+    publish_page(root, "short-logs", page, run(count))

@@ -24,6 +24,8 @@ def _shorten_recoveries() -> None:
 
     made: Any = RecoverSettings.__init__
     usual = {"generations": 2, "trials": 1}
-    replace_attribute(RecoverSettings, "__init__",
-             lambda self, *args, **more: made(self, *args, **{**usual, **more})
-             )  # fmt: skip
+    replace_attribute(
+        RecoverSettings,
+        "__init__",
+        lambda self, *args, **more: made(self, *args, **{**usual, **more}),
+    )

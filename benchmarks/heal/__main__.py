@@ -1,6 +1,6 @@
 """Figures of `gait`, `watch` and `heal` on fresh seeds, and on the readings of 2006.
 
-    python -m benchmarks.heal SUITE... [--count N]
+    python -m benchmarks.heal SUITE... [--count N] [--jobs J]
     python -m benchmarks.heal page
 
 Every suite appends its records to benchmarks/results/heal-SUITE.jsonl and leaves out
@@ -8,9 +8,9 @@ what is there already; `page` makes docs/results/heal.md of them. Seeds are 5000
 development used seeds below 5000.
 """
 
-from benchmarks.heal.page import write_page
+from benchmarks.heal.page import compute_figures
 from benchmarks.heal.suites import SUITES
 from benchmarks.suites import run_suites
 
 if __name__ == "__main__":
-    run_suites("heal", __doc__ or "", SUITES, write_page, option="count")
+    run_suites("heal", __doc__ or "", SUITES, compute_figures)

@@ -1,6 +1,6 @@
 """Suites of `gait`, `watch` and `heal` on fresh seeds, and on readings of 2006."""
 
-import time
+from collections.abc import Callable
 from functools import cache, partial
 from itertools import islice
 from typing import Any
@@ -68,11 +68,9 @@ def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
     steps = []
     for _, belief in islice(infer_damage(known, rng, chosen=chosen), 10):
         names = [d.name for d in known.damages]
-        of = {
-            p: sum(b for b, n in zip(belief, names, strict=True) if n == p)
-            for p in parts
-        }
-        steps.append({k: round(float(v), 4) for k, v in of.items()})
+        pairs = list(zip(belief, names, strict=True))
+        of = {p: float(sum(b for b, n in pairs if n == p)) for p in parts}
+        steps.append({p: round(share, 4) for p, share in of.items()})
     return {"chosen": chosen, "steps": steps}
 
 
@@ -98,35 +96,35 @@ def list_gait_runs(count: int) -> KeyedRuns:
 
 def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
-    start = time.perf_counter()
-    (gait,) = synthesize_gaits(
-        LikelyPlants([build_rated_plant(load_published_body())]),
-        GaitTask(name, heading, seed),
-    )
-    spent = time.perf_counter() - start
+    plants = LikelyPlants([build_rated_plant(load_published_body())])
+    (gait,) = synthesize_gaits(plants, GaitTask(name, heading, seed))
     walked = []
     for robot in range(3):
         hidden = require_walker(open_robot("starfish", seed=10 * seed + robot))
         path = read_position(hidden.move(gait.commands(8)))
         walked.append([float(v) for v in project_on_heading(path[-1], heading)])
-    return {"gait": name, "heading": heading, "predicted": gait.predicted,
-            "walked": walked, "seconds": spent,
-            "failed": gait.failed, "simulations": gait.simulations}  # fmt: skip
+    return {
+        "gait": name,
+        "heading": heading,
+        "predicted": gait.predicted,
+        "walked": walked,
+        "failed": gait.failed,
+        "simulations": gait.simulations,
+    }
 
 
 def _walk_random_gaits() -> dict[str, Any]:
     """End of 30 random gaits of paper A's kind, and of waves, on hidden robots [m]."""
     found: dict[str, Any] = {}
-    for name in ("poses", "waves"):
+    draws: dict[str, Callable[[np.random.Generator, int], np.ndarray]] = {
+        "poses": lambda rng, n: rng.uniform(-1, 1, n),  # paper A's, of +-70 degrees
+        "waves": lambda rng, n: rng.normal(0, 0.4, n),
+    }
+    for name, draw in draws.items():
         rng, ends = np.random.default_rng(FIRST), []
         size = find_pattern(name).count_genes(8)
         for k in range(30):
-            # paper A's poses are uniform in +-70 degrees
-            genes = (
-                rng.uniform(-1, 1, size)
-                if name == "poses"
-                else rng.normal(0, 0.4, size)
-            )
+            genes = draw(rng, size)
             gait = Gait(name, genes, 0.0, 0.0, 0.0, 0.0, 0, 0)
             robot = require_walker(open_robot("starfish", seed=FIRST + k))
             ends.append(read_position(robot.move(gait.commands(8)))[-1, :2].tolist())
@@ -134,16 +132,19 @@ def _walk_random_gaits() -> dict[str, Any]:
     return found
 
 
-def _prepare_robot(robot: int) -> tuple[Any, Any, Any]:
-    """A hidden robot, its self-models and their weights."""
+@cache
+def _prepare_robot(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
+    """A hidden robot, its self-models with their weights, its gait and whole walk."""
     seed = FIRST + robot
     hidden = require_walker(open_robot("starfish", seed=seed))
     *_, run = identify_body(hidden, Settings("starfish", seed=seed))
     models, weights = select_rival_bodies(run)
-    return hidden, models, weights
-
-
-_PREPARED: dict[int, Any] = {}
+    settings = HealSettings("", (), 0.0, seed=seed)
+    states = make_robot_states(hidden, settings)
+    for healed in heal_robot(states, models, weights, settings):
+        if len(healed.phases) == 2:
+            return hidden, models, weights, dict(healed.phases)
+    raise AssertionError
 
 
 def list_heal_runs(count: int) -> KeyedRuns:
@@ -166,25 +167,20 @@ def list_world_runs(count: int) -> KeyedRuns:
 
 def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     robot, seed = k % ROBOTS, FIRST + k
-    if robot not in _PREPARED:
-        _PREPARED[robot] = [*_prepare_robot(robot), {}]
-    hidden, models, weights, phases = _PREPARED[robot]
+    hidden, models, weights, phases = _prepare_robot(robot)
     rng = np.random.default_rng([seed, 7])
     damage = draw_damage(hidden.anatomy, rng, (kinds[k % len(kinds)],))
     onset = float(rng.uniform(8, 20))
     settings = HealSettings("", (damage,), onset, seed=FIRST + robot)
-    begun = HealRun(settings, dict(phases))
-    run, robots = begun, make_robot_states(hidden, settings)
-    for run in heal_robot(robots, models, weights, settings, run=begun):
-        if len(run.phases) == 2:
-            _PREPARED[robot][3] = dict(run.phases)
+    run, robots = HealRun(settings, dict(phases)), make_robot_states(hidden, settings)
+    for run in heal_robot(robots, models, weights, settings, run=run):
         if not whole and "verdict" in run.phases:
             break
     return _summarize_heal(run, damage, onset, hidden.truth, models, robots)
 
 
 def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]:
-    phases = run.phases
+    phases, walked = run.phases, run.result.get("distance", {})
     alarm, gait = phases["alarm"]["alarm"], read_gait(phases["gait"])
     guess = phases["verdict"]["believed"][0]
     found = read_damage(guess)
@@ -193,19 +189,22 @@ def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]
     real = apply_damages(build_rated_plant(truth), damage).body
     same = (found.kind, found.target) == (damage.kind, damage.target)
     return {
-        "damage": damage.document, "found": guess, "right": same,
-        "same_part": found.target == damage.target,
-        "world": found.kind in WORLD_KINDS, "nothing": found.kind == "none",
-        "actions": len(run.actions), "alarm": alarm,
+        "damage": damage.document,
+        "found": guess,
+        "right": same,
+        "world": found.kind in WORLD_KINDS,
+        "nothing": found.kind == "none",
+        "actions": len(run.actions),
+        "alarm": alarm,
         "delay": alarm and (alarm["time"] - onset) / gait.cycle,
-        "intact": phases["whole"]["distance"], "damaged": float(old[0]),
-        "healed": run.result["distance"]["healed"] if run.result else None,
-        "best_known": run.result["distance"]["best_known"] if run.result else None,
-        "predicted": run.result["predicted"] if run.result else None,
+        "intact": phases["whole"]["distance"],
+        "damaged": float(old[0]),
+        "healed": walked.get("healed"),
+        "best_known": walked.get("best_known"),
+        "predicted": run.result.get("predicted"),
         "length_error": float(measure_length_error(said, real)[0]),
         "part_error": float(100 * np.abs(said.length - real.length).max()),
-        "seconds": run.seconds,
-    }  # fmt: skip
+    }
 
 
 def list_alarm_runs(count: int) -> KeyedRuns:
@@ -227,10 +226,8 @@ def _watch_walks(k: int) -> dict[str, Any]:
         """The alarm, and whether the robot ended on its back."""
         move = robot.move(gait.commands(8, WATCHING_TIME), trial=trial)
         measured = read_channels(move, anatomy)[1]
-        fallen = bool(
-            rotate_into_frame(read_orientation(move)[-1], np.array([0.0, 0, 1]))[2] < 0
-        )
-        return watch_walk(measured, predicted, known, channels).alarm, fallen
+        up = rotate_into_frame(read_orientation(move)[-1], np.array([0.0, 0, 1]))
+        return watch_walk(measured, predicted, known, channels).alarm, bool(up[2] < 0)
 
     whole = [seen(hidden, trial) for trial in range(1, 9)]
     broken = []
@@ -240,30 +237,28 @@ def _watch_walks(k: int) -> dict[str, Any]:
         alarm, _ = seen(hidden.struck((damage,), onset), trial)
         early = alarm is not None and alarm.time < onset
         late = None if early or alarm is None else (alarm.time - onset) / gait.cycle
-        ends = [read_position(robot.move(gait.commands(8), trial=30))[-1, 0]
-                for robot in (hidden, hidden.struck((damage,)))]  # fmt: skip
-        broken.append({"damage": damage.document, "early": early, "delay": late,
-                       "cost": float(1 - ends[1] / ends[0])})  # fmt: skip
+        ends = [
+            read_position(robot.move(gait.commands(8), trial=30))[-1, 0]
+            for robot in (hidden, hidden.struck((damage,)))
+        ]
+        cost, kind = float(1 - ends[1] / ends[0]), {"damage": damage.document}
+        broken.append({**kind, "early": early, "delay": late, "cost": cost})
     times = [alarm.time if alarm else WATCHING_TIME for alarm, _ in whole]
-    return {"false": sum(alarm is not None for alarm, _ in whole),
-            "fallen": sum(fell for alarm, fell in whole if alarm), "broken": broken,
-            "seconds": float(sum(times) - 6.0 * len(times))}  # fmt: skip
+    return {
+        "false": sum(alarm is not None for alarm, _ in whole),
+        "fallen": sum(fell for alarm, fell in whole if alarm),
+        "broken": broken,
+        "seconds": float(sum(times) - 6.0 * len(times)),
+    }
 
 
+@cache
 def _synthesize_known_gaits() -> list[Gait]:
     """Gaits for `alarms`: short searches are enough for walks that are only watched."""
-    if not _GAITS:
-        for seed in range(3):
-            _GAITS.extend(
-                synthesize_gaits(
-                    LikelyPlants([build_rated_plant(load_published_body())]),
-                    GaitTask(seed=FIRST + 200 + seed),
-                )
-            )
-    return _GAITS
+    plants = LikelyPlants([build_rated_plant(load_published_body())])
+    tasks = [GaitTask(seed=seed) for seed in range(FIRST + 200, FIRST + 203)]
+    return [gait for task in tasks for gait in synthesize_gaits(plants, task)]
 
-
-_GAITS: list[Gait] = []
 
 SUITES = {
     "real": (list_real_runs, 60),

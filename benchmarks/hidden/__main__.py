@@ -31,7 +31,7 @@ from benchmarks.hidden.judge import page
 from benchmarks.hidden.judge import sealed as judge_sealed
 from benchmarks.hidden.judge.sealed import Judged, read_json
 from benchmarks.hidden.truth import UnfitDraw
-from benchmarks.writer import Section, make_parser, publish_results
+from benchmarks.writer import make_parser, publish_page
 from selfheal.errors import InputError
 from selfheal.mujoco_files import silence_mujoco
 
@@ -47,16 +47,16 @@ class Suite:
         kinds: of its cases, the usual one first; empty: it is not drawn.
         list_tasks: the cases that the command line asks for.
         read_case: judges one case of a folder.
-        make_sections: makes the page of judged cases.
-        compute_figures: gives its figures.
+        page: its template in judge/.
+        tabulate: gives what the page shows of judged cases.
     """
 
     title: str
     kinds: Sequence[str]
     list_tasks: Callable[[argparse.Namespace], Iterator[Task]]
     read_case: Callable[..., Judged]
-    make_sections: Callable[[Sequence[Judged]], list[Section]]
-    compute_figures: Callable[[Sequence[Judged]], dict[str, Any]]
+    page: str
+    tabulate: Callable[[Sequence[Judged]], dict[str, object]]
 
 
 def _list_drawn(suite: Any, options: argparse.Namespace, **chosen: Any):
@@ -79,11 +79,7 @@ def _list_others(options: argparse.Namespace) -> Iterator[Task]:
         yield name, others.OTHER_CASES[name].kind, partial(others.make_case, name)
 
 
-_SEALED = (
-    judge_sealed.read_case,
-    page.make_sections,
-    judge_sealed.compute_figures,
-)
+_SEALED = (judge_sealed.read_case, "sealed.md", page.tabulate_sealed)
 SUITES = {
     "sealed": Suite(
         "The sealed benchmark of diagnose",
@@ -97,8 +93,8 @@ SUITES = {
         tuple(drafts.KINDS),
         _list_drives,
         judge_drives.read_case,
-        page.make_drive_sections,
-        judge_drives.compute_figures,
+        "drives.md",
+        page.tabulate_drives,
     ),
 }
 
@@ -144,10 +140,9 @@ def score_diagnoses(options: argparse.Namespace) -> int:
     read = partial(suite.read_case, keys=options.keys, replay=replay)
     with ProcessPoolExecutor(options.jobs) as pool:
         cases = list(pool.map(read, folders))
-    data = {"figures": suite.compute_figures(cases), "cases": cases}
-    name = options.name or options.suite
-    sections = suite.make_sections(cases)
-    publish_results(options.root, name, suite.title, sections, data)
+    figures = {"title": suite.title, **suite.tabulate(cases)}
+    template = Path(__file__).parent / "judge" / suite.page
+    publish_page(options.root, options.name or options.suite, template, figures)
     return 0
 
 
@@ -165,9 +160,13 @@ def main() -> int:
     making.add_argument("--effects", nargs="*", default=(), help="sealed: only these")
     making.add_argument("--robots", nargs="*", default=(), help="sealed: only these")
     making.add_argument(
-        "--only", nargs="+", choices=others.OTHER_CASES, metavar="NAME",
-        default=(), help="others: only these",
-    )  # fmt: skip
+        "--only",
+        nargs="+",
+        choices=others.OTHER_CASES,
+        metavar="NAME",
+        default=(),
+        help="others: only these",
+    )
     making.set_defaults(do=make_cases)
     running = commands.add_parser("run", help="diagnose them")
     running.add_argument("--cases", type=Path, required=True)

@@ -9,18 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.hidden.effects import BY_NAME, PLACED
+from benchmarks.hidden.effects import DRAWN, PLACED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
-from benchmarks.hidden.effects.joints import RANGE, STICTION
 from benchmarks.hidden.robots.chains import draw_chain, draw_linkage
 from benchmarks.hidden.robots.robot import Rng, Robot
 from benchmarks.hidden.truth import HiddenRobot
 
 RATES = (30.0, 50.0, 100.0, 200.0, 250.0, 500.0)  # [Hz] of logs
 FAST = (100.0, 200.0, 250.0, 500.0)  # [Hz] of those whose controller gives torques
-EFFECTS: Mapping[str, Effect] = {
-    **BY_NAME, **PLACED, "stiction": STICTION, "joint_range": RANGE,
-}  # fmt: skip
+EFFECTS: Mapping[str, Effect] = {**DRAWN, **PLACED}
 Placed = list[PlacedEffect]
 
 
@@ -236,9 +233,11 @@ def draft_decay(rng: Rng, seed: int) -> Draft:
             dry = _place("coulomb_friction", f"joint:{joint}", frictionloss=loss)
             hidden.append(dry)
     log = replace(
-        _draw_log(rng, robot), seconds=float(rng.uniform(10, 15)),
-        episodes=int(rng.integers(2, 4)), held=1,
-    )  # fmt: skip
+        _draw_log(rng, robot),
+        seconds=float(rng.uniform(10, 15)),
+        episodes=int(rng.integers(2, 4)),
+        held=1,
+    )
     return Draft(robot, hidden, [], log, masses=_draw_masses(rng, robot))
 
 
@@ -306,9 +305,13 @@ def draft_camera(rng: Rng, seed: int) -> Draft:
     """A camera sees the links and no encoder is read; the drives are missing."""
     robot = draw_chain(rng, 1 + seed % 3, "servo")
     log = replace(
-        _draw_log(rng, robot), rate=float(rng.choice([60.0, 100.0, 120.0])), speed=0.0,
-        torque=0.0, steps=0, camera=float(rng.uniform(3e-4, 1e-3)),
-    )  # fmt: skip
+        _draw_log(rng, robot),
+        rate=float(rng.choice([60.0, 100.0, 120.0])),
+        speed=0.0,
+        torque=0.0,
+        steps=0,
+        camera=float(rng.uniform(3e-4, 1e-3)),
+    )
     return _lack_drives(rng, robot, log, PLAIN)
 
 

@@ -50,9 +50,12 @@ def _list_sensors(robot: Robot, log: Log) -> dict[str, Sensor]:
         if log.torque or log.repeats:
             noise, unit = 0.0 if log.repeats else log.torque * torque, "N m"
             sensors[f"{joint}_torque"] = Sensor(
-                "joint_torque", robot.find_actuator(joint), "N" if slide else unit,
-                noise, repeats=log.repeats,
-            )  # fmt: skip
+                "joint_torque",
+                robot.find_actuator(joint),
+                "N" if slide else unit,
+                noise,
+                repeats=log.repeats,
+            )
         found |= sensors
     return found
 
@@ -192,15 +195,25 @@ def make_case(kind: str, seed: int) -> Case:
             for number in (draft.log.episodes, draft.log.held)
         )
         session = Session(
-            train, test, (rng, rng), draft.log.state,
+            train,
+            test,
+            (rng, rng),
+            draft.log.state,
             check=partial(_check_rollout, draft),
-        )  # fmt: skip
+        )
         try:
             case, learned, proof = build_case(
-                name_case(kind, seed), experiment, draft.hidden, session,
-                given=draft.state_model(), kind=kind, seed=seed, attempt=attempt,
-                joints=len(draft.robot.load), rate=draft.log.rate,
-            )  # fmt: skip
+                name_case(kind, seed),
+                experiment,
+                draft.hidden,
+                session,
+                given=draft.state_model(),
+                kind=kind,
+                seed=seed,
+                attempt=attempt,
+                joints=len(draft.robot.load),
+                rate=draft.log.rate,
+            )
         except UnfitDraw:
             continue
         pieces = {f"test {k}": _cut(proof, s) for k, s in HORIZONS.items()}

@@ -8,9 +8,8 @@ import numpy as np
 
 from benchmarks.hidden import motions as move
 from benchmarks.hidden.case import Case, Experiment, Session, build_case
-from benchmarks.hidden.effects import EFFECTS
+from benchmarks.hidden.effects import DRAWN, UNLISTED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
-from benchmarks.hidden.effects.unlisted import UNLISTED
 from benchmarks.hidden.robots.robot import FAST, NumberDraw, Rng, Robot
 from benchmarks.hidden.robots.shapes import ROBOTS, make_blank_robot
 from benchmarks.hidden.sensors import (
@@ -244,12 +243,12 @@ def _choose_effects(
     """The effects of a case: by turns, so that a row of seeds has them all."""
     if kind == "null":
         return []
-    menu = UNLISTED if kind == "unlisted" else EFFECTS
+    menu = list((UNLISTED if kind == "unlisted" else DRAWN).values())
     if wanted:
         menu = [e for e in menu if e.name in wanted]
     chosen = [menu[seed % len(menu)]]
     if kind == "double":
-        rest = [e for e in EFFECTS if _are_compatible(chosen[0], e)]
+        rest = [e for e in DRAWN.values() if _are_compatible(chosen[0], e)]
         if not rest:
             raise UnfitDraw(f"nothing goes with {chosen[0].name}")
         chosen.append(rest[rng.integers(len(rest))])
@@ -307,7 +306,7 @@ def _choose_robot(
     names = [name for name in ROBOTS if name in fit]
     if not names:
         raise UnfitDraw(f"no robot for {[e.name for e in chosen]}")
-    menu = len(UNLISTED if kind == "unlisted" else EFFECTS)
+    menu = len(UNLISTED if kind == "unlisted" else DRAWN)
     turn = seed if kind == "null" else seed // menu + 5 * seed
     return names[(turn + attempt // 3) % len(names)]
 

@@ -15,9 +15,8 @@ from typing import Any
 
 from benchmarks.logs.readers import READERS
 from benchmarks.logs.writers import WRITERS
-from benchmarks.writer import Section, make_parser, publish_results
+from benchmarks.writer import make_parser, publish_page
 
-_HEADER = ("log", "read by", "time [s]", "processor time [s]", "peak memory [MB]")
 Row = dict[str, Any]
 
 
@@ -61,25 +60,8 @@ def main() -> None:
     given = line.parse_args()
     with tempfile.TemporaryDirectory(dir=given.folder) as folder:
         rows = measure_all(Path(folder), given.size * 1e9)
-    cells = [
-        (
-            f"{r['log']}, {r['size'] / 1e6:.0f} MB",
-            r["by"],
-            f"{r['seconds']:.1f}",
-            f"{r['processor']:.1f}",
-            f"{r['memory'] / 1e6:.0f}",
-        )
-        for r in rows
-    ]
-    text = (
-        "All columns of a log are read, from a file that the system holds in memory "
-        "already. `recording import` writes the angles into a recording, too: twelve "
-        "of the CSV, seven of the MCAP, whose other fields it does not decode. The "
-        "MCAP has joint states and IMU messages, packed by zstd. What becomes of "
-        "damaged logs of all formats stands in [hardening](hardening.md), kind `logs`."
-    )
-    section = Section("All columns", text, _HEADER, cells)
-    publish_results(given.root, "logs", "Reading logs", [section], {"rows": rows})
+    page = Path(__file__).with_name("page.md")
+    publish_page(given.root, "logs", page, {"rows": rows})
 
 
 if __name__ == "__main__":

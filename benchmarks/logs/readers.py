@@ -35,8 +35,10 @@ def import_by_selfheal(path: str) -> None:
         (stream.name, [c for c in stream.columns if c[:1] in ("q", "p")])
         for stream in log.streams
     ]
-    joints = {f"{s}:{c}": f"j{k}" for k, (s, c) in enumerate(
-        (s, c) for s, columns in chosen for c in columns)}  # fmt: skip
+    joints = {
+        f"{s}:{c}": f"j{k}"
+        for k, (s, c) in enumerate((s, c) for s, columns in chosen for c in columns)
+    }
     bodies = "".join(
         f'<body><joint name="{name}"/><geom size="1"/></body>'
         for name in joints.values()

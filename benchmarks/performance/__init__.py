@@ -1,1 +1,1 @@
-"""Accuracy, speed, memory and scaling of the parts of selfheal."""
+"""Accuracy, speed and memory of the engines, and of a diagnosis."""

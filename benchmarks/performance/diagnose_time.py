@@ -20,7 +20,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from benchmarks.writer import Section, make_parser, publish_results
+from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Episode, Recording, Signal, write
 
 EPISODES, SECONDS, RATE = 10, 6.0, 100  # episodes, [s] of each, [Hz] of their samples
@@ -28,7 +28,7 @@ STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are fi
 NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
 OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
 LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
-ASKED = {("chain", 1): "30 s", ("chain", 7): "60 s", ("load", 7): "240 s"}
+ASKED = {"chain 1": "30 s", "chain 7": "60 s", "load 7": "240 s"}
 SHAPES = {"chain": 1000, "tree": 3, "load": 1000}  # joints of a leg, at most
 KINDS = {
     "chain": "Chains",
@@ -174,28 +174,6 @@ def describe_growth(rows: list[dict[str, Any]]) -> str:
     return f" From {GROWS_FROM} joints on, time grows as joints to the {exponent:.2f}."
 
 
-def make_section(shape: str, rows: list[dict[str, Any]]) -> Section:
-    """The section with the table of all arms of one shape."""
-    shown = [
-        [r["joints"], f"{r['seconds']:.0f} s", ASKED.get((shape, r["joints"]), ""),
-         f"{r['cpu']:.0f} s", f"{r['megabytes']:.0f} MB",
-         f"{r['seconds'] / r['plain']:.0f}", r["verdict"], ", ".join(r["named"])]
-        for r in rows
-    ]  # fmt: skip
-    header = ["joints", "wall", "asked", "CPU", "memory", "wall : plain MuJoCo",
-              "verdict", "named"]  # fmt: skip
-    lacks = f"dry friction of {FRICTION:g} of the load at the middle joint; "
-    text = (
-        f"{KINDS[shape]}, with position servos; {EPISODES} episodes of {SECONDS:g} s "
-        f"at {RATE} Hz with {1000 * NOISE:g} mrad of noise. Hidden: "
-        f"{'' if shape == 'load' else lacks}masses off by up to "
-        f"{100 * OFF['mass']:.0f} %, dampings by {100 * OFF['damping']:.0f} %. Plain "
-        "MuJoCo: the same log simulated once on one core with the given model."
-        f"{describe_growth(rows)}"
-    )
-    return Section(f"Sixty seconds of log of a {shape}", text, header, shown)
-
-
 def main() -> None:
     """Diagnose each arm once and publish."""
     line = make_parser(__doc__ or "")
@@ -207,10 +185,10 @@ def main() -> None:
         shape: [measure_diagnosis(j, shape, options.seed) for j in options.joints]
         for shape in options.shapes
     }
-    sections = [make_section(shape, rows) for shape, rows in tables.items()]
-    title = "Time and memory of `selfheal diagnose`"
-    rows = [row for table in tables.values() for row in table]
-    publish_results(options.root, "diagnose-time", title, sections, {"rows": rows})
+    growth = {shape: describe_growth(rows) for shape, rows in tables.items()}
+    figures = {"tables": tables, "kinds": KINDS, "asked": ASKED, "growth": growth}
+    page = Path(__file__).with_name("diagnose_time.md")
+    publish_page(options.root, "diagnose-time", page, figures)
 
 
 if __name__ == "__main__":

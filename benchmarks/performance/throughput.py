@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.writer import ROOT, Section, count_cores, make_parser, publish_results
+from benchmarks.writer import ROOT, count_cores, make_parser, publish_page
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build_bodies, draw_genomes
 from selfheal.robot.actions import list_actions_2006, load_published_body
@@ -102,26 +102,6 @@ def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
     }
 
 
-def make_ratio_section(found: dict[str, float], count: int, rounds: int) -> Section:
-    """The section with the ratios of statics to the reference."""
-    statics = found["statics, all cores"]
-    against = {"reference": "60", "reference with compile": "150"}
-    rows = [
-        [name, f"{rate:,.0f}", f"{statics / rate:.0f}", against.get(name, "")]
-        for name, rate in found.items()
-    ]
-    text = (
-        f"{count} random trees, each under one random 2006 action, the same for all; "
-        f"medians of {rounds} rounds in turn. Reference: `mujoco.rollout`, {STEPS} "
-        f"steps of {1000 * TIMESTEP:g} ms, {THREADS} threads, one model a tree; with "
-        "compile: every candidate built by MjSpec and compiled, on as many threads. "
-        f"Statics at its default number of sub-steps, the candidates {REPEATS} times "
-        "over in one call."
-    )
-    header = ["engine", "simulations/s", "statics (all cores) : this", "target"]
-    return Section("Statics against `mujoco.rollout`", text, header, rows)
-
-
 def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
     """Import and compile times, rate and memory of one engine in this process."""
     import resource
@@ -148,9 +128,13 @@ def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
     spent = time_call(lambda: [made.simulate(bodies[c], targets[c]) for c in chunks])
     most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {
-        "import": imported, "compile": first - again, "rate": count / spent,
-        "memory": most, "steps": _count_steps(made), "device": _name_device(engine),
-    }  # fmt: skip
+        "import": imported,
+        "compile": first - again,
+        "rate": count / spent,
+        "memory": most,
+        "steps": _count_steps(made),
+        "device": _name_device(engine),
+    }
 
 
 def _count_steps(engine: Any) -> int:
@@ -202,29 +186,6 @@ def measure_engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
     return found
 
 
-def make_engine_section(found: list[dict[str, Any]]) -> Section:
-    """The section with the table of engines and batch sizes."""
-    rows = []
-    for one in found:
-        cold, warm = one["cold"], one["warm"]
-        rate = max(cold["rate"], warm["rate"])
-        steps = f"{rate * warm['steps']:,.0f}" if warm["steps"] else ""
-        rows.append(
-            [one["engine"], warm["device"], one["batch"], f"{rate:,.0f}", steps,
-             *(f"{x:.1f}" for x in (warm["import"], cold["compile"], warm["compile"])),
-             f"{max(cold['memory'], warm['memory']):,.0f}"]
-        )  # fmt: skip
-    text = (
-        "Each row in two fresh processes: the first with empty caches of compiled "
-        "programs, the second with what it left; the faster one's rate. Compile = the "
-        "first call less the second. Memory is the process's peak, libraries included. "
-        "Targets: mjx on both cores 70,000 steps/s, compile 20 s, from cache 3 s."
-    )
-    header = ["engine", "device", "batch", "simulations/s", "steps/s", "import [s]",
-              "compile [s]", "from cache [s]", "memory [MB]"]  # fmt: skip
-    return Section("Engines and batch sizes, all cores", text, header, rows)
-
-
 def time_help(times: int = 5) -> float:
     """Median time of `selfheal --help` [s]."""
     program = Path(sys.executable).with_name("selfheal")
@@ -260,22 +221,17 @@ def main() -> None:
         print(json.dumps(measure_engine(engine, int(batch), int(count))))
         return
     count, rounds = (200, 1) if options.quick else (2000, 5)
-    help_time = time_help()
-    ratios = compare_engines(count, rounds, options.seed)
-    found = measure_engines(_list_jobs(options.quick))
-    text = f"{help_time:.2f} s, median of 5; target 0.4 s."
-    sections = [
-        make_ratio_section(ratios, count, rounds),
-        make_engine_section(found),
-        Section("`selfheal --help`", text),
-    ]
-    data = {
-        "ratios": ratios,
-        "engines": found,
-        "help": help_time,
+    figures = {
+        "count": count,
+        "rounds": rounds,
+        "targets": {"reference": "60", "reference with compile": "150"},
+        "ratios": compare_engines(count, rounds, options.seed),
+        "engines": measure_engines(_list_jobs(options.quick)),
+        "help": time_help(),
         "cores": count_cores(),
     }
-    publish_results(options.root, "throughput", "Throughput", sections, data)
+    page = Path(__file__).with_name("throughput.md")
+    publish_page(options.root, "throughput", page, figures)
 
 
 if __name__ == "__main__":

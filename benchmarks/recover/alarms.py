@@ -17,9 +17,13 @@ from selfheal.robot.simulated_legs import SimulatedLegs
 
 FIRST = 6000
 # values of a damage that has one: between those of the list, and at their ends
-_RANGES = {"weak_motor": (0.05, 0.95), "weak_sensor": (0.05, 0.95),
-           "slope": (0.03, 0.25), "ground_friction": (0.1, 0.5),
-           "wind": (2.0, 12.0)}  # fmt: skip
+_RANGES = {
+    "weak_motor": (0.05, 0.95),
+    "weak_sensor": (0.05, 0.95),
+    "slope": (0.03, 0.25),
+    "ground_friction": (0.1, 0.5),
+    "wind": (2.0, 12.0),
+}
 
 
 def list_alarm_runs(seeds: int) -> KeyedRuns:
@@ -37,8 +41,10 @@ def _check_damage(name: str, seed: int) -> dict[str, Any]:
     whole = SimulatedLegs(robot, seed)
     before = whole.run_trials(first[None]).sensors[0]
     broken = whole.struck((damage,)).run_trials(np.array([first, second]))
-    trials = [Trial(weights, float(broken.displacement[k]), broken.sensors[k])
-              for k, weights in enumerate((first, second))]  # fmt: skip
+    trials = [
+        Trial(weights, float(broken.displacement[k]), broken.sensors[k])
+        for k, weights in enumerate((first, second))
+    ]
     trims = np.ones((1, 2 + len(robot.motors)))
 
     def estimate(moves: list[Trial], known: tuple) -> Any:
@@ -51,9 +57,15 @@ def _check_damage(name: str, seed: int) -> dict[str, Any]:
         unlisted = is_refuted(robot, trims, belief, trials, rng)
     said = belief.hypotheses[0]
     named = [(d.kind, d.target) for d in said] == [(damage.kind, damage.target)]
-    return {"robot": name, "seed": seed, "damage": damage.document, "named": named,
-            "refuted": refuted, "unlisted": unlisted,
-            "believed": [d.document for d in said]}  # fmt: skip
+    return {
+        "robot": name,
+        "seed": seed,
+        "damage": damage.document,
+        "named": named,
+        "refuted": refuted,
+        "unlisted": unlisted,
+        "believed": [d.document for d in said],
+    }
 
 
 def _draw_damage(robot: LeggedRobot, rng: np.random.Generator) -> Damage:

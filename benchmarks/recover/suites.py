@@ -1,7 +1,7 @@
 """Suites of `recover` on fresh seeds: two robots, all scenarios, three methods."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.recover.alarms import list_alarm_runs
 from benchmarks.recover.reference import walk_plain
 from benchmarks.recover.unlisted import CHANGES, change_robot, withhold_neurons
-from benchmarks.suites import KeyedRuns
+from benchmarks.suites import KeyedRuns, Record, Suites
 from benchmarks.writer import count_cores
 from selfheal.body.legged import LEGGED, load_legged_robot
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
@@ -34,14 +34,24 @@ FIRST = 5000
 BEYOND = range(len(TABLE) + 1, len(SCENARIOS) + 1)
 
 
-def list_our_runs(seeds: int) -> KeyedRuns:
-    """Runs of our method in all cells of robot and scenario but the tenth's."""
-    return _list_runs("ours", seeds, numbers=TABLE[:-1])
+def list_runs(
+    seeds: int,
+    *,
+    method: str = "ours",
+    robots: Sequence[str] = LEGGED[::-1],
+    numbers: Iterable[int] = TABLE,
+    gap: float = 0.0,
+) -> KeyedRuns:
+    """A run for each seed, robot and scenario.
 
-
-def list_tenth_runs(seeds: int) -> KeyedRuns:
-    """Runs of our method where a hidden neuron fails."""
-    return _list_runs("ours", seeds, numbers=TABLE[-1:])
+    Args:
+        gap: share by which the robot is off its model.
+    """
+    for seed in range(FIRST, FIRST + seeds):
+        for robot in robots:
+            for number in numbers:
+                play = partial(_recover_robot, method, robot, number, seed, gap)
+                yield f"{robot} {number} {seed}", play
 
 
 def list_unlisted_runs(seeds: int) -> KeyedRuns:
@@ -53,47 +63,12 @@ def list_unlisted_runs(seeds: int) -> KeyedRuns:
                 yield key, partial(_recover_changed_robot, robot, what, seed)
 
 
-def list_described_runs(seeds: int) -> KeyedRuns:
-    """Runs of the method as described in 2004, in all twenty cells."""
-    return _list_runs("as-described", seeds)
-
-
-def list_control_runs(seeds: int) -> KeyedRuns:
-    """Runs of the control on the quadruped: a lower leg or a leg is lost."""
-    return _list_runs("hardware-only", seeds, ("quadruped",), (1, 2))
-
-
-def list_further_runs(seeds: int) -> KeyedRuns:
-    """Runs of our method on the quadruped: graded damage and changed worlds."""
-    return _list_runs("ours", seeds, ("quadruped",), BEYOND)
-
-
-def list_gap_runs(seeds: int) -> KeyedRuns:
-    """Runs of our method on a quadruped that is 5 % off its model."""
-    return _list_runs("ours", seeds, ("quadruped",), (1, 2, 3, 9), gap=0.05)
-
-
-def _list_runs(
-    method: str,
-    seeds: int,
-    robots: tuple[str, ...] = LEGGED[::-1],
-    numbers: Any = TABLE,
-    **more: Any,
-) -> KeyedRuns:
-    """A run for each seed, robot and scenario."""
-    for seed in range(FIRST, FIRST + seeds):
-        for robot in robots:
-            for number in numbers:
-                key = f"{robot} {number} {seed}"
-                yield key, partial(_recover_robot, method, robot, number, seed, more)
-
-
 def _recover_robot(
-    method: str, robot: str, number: int, seed: int, more: dict[str, Any]
-) -> dict[str, Any]:
+    method: str, robot: str, number: int, seed: int, gap: float
+) -> Record:
     body = load_legged_robot(robot)
     damage = draw_scenario(number, body, seed)
-    settings = RecoverSettings(robot, number, damage, method, seed, **more)
+    settings = RecoverSettings(robot, number, damage, method, seed, gap=gap)
     walker = SimulatedLegs(body, seed, settings.gap)
     *_, run = recover_robot(walker, settings)
     kept = _summarize_run(run)
@@ -102,7 +77,7 @@ def _recover_robot(
     return kept
 
 
-def _recover_changed_robot(robot: str, what: str, seed: int) -> dict[str, Any]:
+def _recover_changed_robot(robot: str, what: str, seed: int) -> Record:
     walker, place = change_robot(what, load_legged_robot(robot), seed)
     settings = RecoverSettings(robot, 9, (), seed=seed)  # of no scenario: no damage
     with withhold_neurons():
@@ -110,7 +85,7 @@ def _recover_changed_robot(robot: str, what: str, seed: int) -> dict[str, Any]:
     return {**_summarize_run(run), "named": None, "what": what, "place": place}
 
 
-def _summarize_run(run: RecoverRun) -> dict[str, Any]:
+def _summarize_run(run: RecoverRun) -> Record:
     """What a record keeps of a run by any method."""
     settings, result = run.settings, run.result
     kept = {k: getattr(settings, k) for k in ("robot", "scenario", "seed", "method")}
@@ -129,7 +104,7 @@ def list_speed_runs(seeds: int) -> KeyedRuns:
             yield key, partial(_time_evaluations, robot, seed)
 
 
-def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
+def _time_evaluations(name: str, seed: int) -> Record:
     """CPU and wall seconds of an evaluation, each way."""
     robot, rng = load_legged_robot(name), np.random.default_rng(seed)
     genomes = draw_values(100, robot.synapses, rng)
@@ -138,8 +113,10 @@ def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
     def timed(what: str, count: int, play: Callable[[], Any]) -> None:
         wall, cpu = time.perf_counter(), time.process_time()
         play()
-        spent[what] = {"wall": (time.perf_counter() - wall) / count,
-                       "cpu": (time.process_time() - cpu) / count}  # fmt: skip
+        spent[what] = {
+            "wall": (time.perf_counter() - wall) / count,
+            "cpu": (time.process_time() - cpu) / count,
+        }
 
     timed("plain", 20, lambda: [walk_plain(robot, g) for g in genomes[:20]])
     timed(
@@ -165,14 +142,21 @@ def _time_evaluations(name: str, seed: int) -> dict[str, Any]:
     return spent
 
 
-SUITES = {
+_QUADRUPED = ("quadruped",)
+SUITES: Suites = {
     "speed": (list_speed_runs, 3),
-    "ours": (list_our_runs, 3),
-    "tenth": (list_tenth_runs, 10),
+    "ours": (partial(list_runs, numbers=TABLE[:-1]), 3),
+    "tenth": (partial(list_runs, numbers=TABLE[-1:]), 10),
     "unlisted": (list_unlisted_runs, 3),
     "alarms": (list_alarm_runs, 100),
-    "described": (list_described_runs, 3),
-    "hardware": (list_control_runs, 3),
-    "beyond": (list_further_runs, 3),
-    "gap": (list_gap_runs, 3),
+    "described": (partial(list_runs, method="as-described"), 3),
+    "hardware": (
+        partial(list_runs, method="hardware-only", robots=_QUADRUPED, numbers=(1, 2)),
+        3,
+    ),
+    "beyond": (partial(list_runs, robots=_QUADRUPED, numbers=BEYOND), 3),
+    "gap": (
+        partial(list_runs, robots=_QUADRUPED, numbers=(1, 2, 3, 9), gap=0.05),
+        3,
+    ),
 }

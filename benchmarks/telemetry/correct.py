@@ -65,11 +65,12 @@ def write_setup(
     for kind in KINDS:
         chosen = {n: s for n, s in first.signals.items() if s.kind == kind}
         columns = [
-            f"signals/{n}[{k}] [{s.unit}]" if s.values.ndim > 1
+            f"signals/{n}[{k}] [{s.unit}]"
+            if s.values.ndim > 1
             else f"signals/{n} [{s.unit}]"
             for n, s in chosen.items()
             for k in range(s.values.shape[1] if s.values.ndim > 1 else 1)
-        ]  # fmt: skip
+        ]
         if chosen:
             targets = [s.target for s in chosen.values()]
             rules.append(ColumnRule(kind, columns, targets))

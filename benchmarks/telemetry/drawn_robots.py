@@ -100,10 +100,18 @@ def _draw_numbers(rng: np.random.Generator, count: int) -> list[_Numbers]:
     for _ in range(count):
         last = int(rng.choice([k for k in range(3) if k != last]))
         low, high = -rng.uniform(1.2, 2.2), rng.uniform(1.2, 2.2)
-        found.append(_Numbers(
-            axes[last], rng.uniform(0.08, 0.25), mass, rng.uniform(0.05, 0.3),
-            rng.uniform(0.02, 0.15), rng.uniform(0.005, 0.03), low, high,
-        ))  # fmt: skip
+        found.append(
+            _Numbers(
+                axes[last],
+                rng.uniform(0.08, 0.25),
+                mass,
+                rng.uniform(0.05, 0.3),
+                rng.uniform(0.02, 0.15),
+                rng.uniform(0.005, 0.03),
+                low,
+                high,
+            )
+        )
         mass *= rng.uniform(0.5, 0.9)
     return found
 
@@ -115,9 +123,15 @@ def _draw_off(rng: np.random.Generator) -> float:
 def _put_off(n: _Numbers, rng: np.random.Generator) -> _Numbers:
     """The true numbers of a joint; its range and axis are as stated."""
     return _Numbers(
-        n.axis, n.length, n.mass * _draw_off(rng), n.damping * _draw_off(rng),
-        n.friction * _draw_off(rng), n.armature * _draw_off(rng), n.low, n.high,
-    )  # fmt: skip
+        n.axis,
+        n.length,
+        n.mass * _draw_off(rng),
+        n.damping * _draw_off(rng),
+        n.friction * _draw_off(rng),
+        n.armature * _draw_off(rng),
+        n.low,
+        n.high,
+    )
 
 
 def _estimate_load(behind: list[_Numbers]) -> float:
@@ -130,9 +144,11 @@ def _estimate_load(behind: list[_Numbers]) -> float:
 
 
 def _write(
-    names: tuple[str, ...], numbers: list[_Numbers],
-    gains: Mapping[str, tuple[float, ...]], loads: list[float],
-) -> str:  # fmt: skip
+    names: tuple[str, ...],
+    numbers: list[_Numbers],
+    gains: Mapping[str, tuple[float, ...]],
+    loads: list[float],
+) -> str:
     """The MJCF.
 
     Args:
@@ -182,9 +198,12 @@ def _write(
 
 
 def _record(
-    robot: Robot, names: tuple[str, ...], stated: list[_Numbers],
-    is_servo: bool, rng: np.random.Generator,
-) -> Recording:  # fmt: skip
+    robot: Robot,
+    names: tuple[str, ...],
+    stated: list[_Numbers],
+    is_servo: bool,
+    rng: np.random.Generator,
+) -> Recording:
     """Episodes in which each joint follows sines.
 
     Args:

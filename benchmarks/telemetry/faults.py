@@ -55,9 +55,10 @@ def judge(
     """
     right = [f for f in faults if f.kind in kinds]
     located = [
-        f for f in right
+        f
+        for f in right
         if not columns or columns & {*f.columns, *f.episodes, *f.alternatives}
-    ]  # fmt: skip
+    ]
     return bool(right), located, [f for f in faults if f not in located]
 
 
@@ -85,9 +86,11 @@ def inject_faults(
         if len(recording.episodes) >= ODD_AMONG:
             yield from _inject_episode(recording, model, joint, rng)
         yield inject(
-            "repeated", "stale", joint.columns,
+            "repeated",
+            "stale",
+            joint.columns,
             lambda t, x: x[np.arange(len(x)) // samples * samples],
-        )  # fmt: skip
+        )
         yield from _inject_range(recording, model, joint)
     first = next(iter(recording.episodes.values())).signals
     exchanges = list[tuple[str, dict[str, str]]]()
@@ -104,8 +107,9 @@ def inject_faults(
         yield Injection(name, ("exchange",), frozenset(both), exchanged, model)
     for name, signal in first.items():
         if signal.kind == "body_orientation":
-            yield inject("order", "quaternion_order", [name],
-                         lambda t, x: np.roll(x, -1, axis=1))  # fmt: skip
+            yield inject(
+                "order", "quaternion_order", [name], lambda t, x: np.roll(x, -1, axis=1)
+            )
     yield from _inject_times(recording, model)
     yield from _inject_drift(recording, model)
 
@@ -116,8 +120,9 @@ def _inject_joint(
     """Faults of one joint's columns in all episodes."""
     velocity = [("sign of a velocity", "velocity in degrees", [joint.velocity])]
     for sign, degrees, columns in (
-        ("sign", "degrees", joint.columns), *velocity[: bool(joint.velocity)]
-    ):  # fmt: skip
+        ("sign", "degrees", joint.columns),
+        *velocity[: bool(joint.velocity)],
+    ):
         yield inject(sign, "sign", columns, lambda t, x: -x)
         yield inject(degrees, "unit", columns, lambda t, x: DEGREES * x)
     yield inject("frozen", "frozen", [joint.position], lambda t, x: 0 * x + x[0])
@@ -196,8 +201,9 @@ def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
 
     if min(e.time[-1] - e.time[0] for e in recording.episodes.values()) > 2:
         for name, kind, change in (
-            ("gap", "gap", tear), ("duplicates", "duplicate", repeat),
-        ):  # fmt: skip
+            ("gap", "gap", tear),
+            ("duplicates", "duplicate", repeat),
+        ):
             yield Injection(name, (kind,), frozenset(), _edit(recording, change), model)
 
 

@@ -61,9 +61,11 @@ def _list_columns(robot: DrawnRobot, joint: str) -> list[str]:
 
 
 def _edit(
-    robot: DrawnRobot, columns: list[str], change: Callable[[Values], Values],
+    robot: DrawnRobot,
+    columns: list[str],
+    change: Callable[[Values], Values],
     ctrl: Callable[[Values], Values] | None = None,
-) -> Recording:  # fmt: skip
+) -> Recording:
     """The recording with changed columns.
 
     Args:
@@ -96,9 +98,11 @@ def make_range(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     """A model's range narrower than the robot's."""
     (joint,) = _choose(robot, rng)
     x = np.concatenate(
-        [e.signals[f"{joint}_position"].values
-         for e in robot.recording.episodes.values()]
-    )  # fmt: skip
+        [
+            e.signals[f"{joint}_position"].values
+            for e in robot.recording.episodes.values()
+        ]
+    )
     low, high = np.quantile(x, [0.005, 0.995])
     share = rng.uniform(*NARROW)
     start = low + rng.uniform(0, 1 - share) * (high - low)
@@ -192,8 +196,10 @@ def make_free_base(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
 def make_contact(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
     """A first link whose shape reaches into the trunk's in the model."""
     root = ET.fromstring(robot.xml)
-    shapes = [root.find(f".//geom[@name='{n}_shape']")
-              for n in ("trunk", list_joints(robot)[0])]  # fmt: skip
+    shapes = [
+        root.find(f".//geom[@name='{n}_shape']")
+        for n in ("trunk", list_joints(robot)[0])
+    ]
     for shape in shapes:
         assert shape is not None
         shape.set("contype", "1")
@@ -230,18 +236,29 @@ def make_short_run(robot: DrawnRobot, rng: np.random.Generator) -> Setup | None:
         step = (e.time[1] - e.time[0]) / model.opt.timestep
         mujoco.mj_step(model, data, round(step))
     episodes[odd] = replace(
-        e, time=e.time[:end], ctrl=e.ctrl[:end],
+        e,
+        time=e.time[:end],
+        ctrl=e.ctrl[:end],
         signals={n: replace(s, values=signals[n]) for n, s in e.signals.items()},
-    )  # fmt: skip
+    )
     recording = replace(robot.recording, episodes=episodes)
     columns = frozenset([odd])
     return Setup("short run", ("odd_episode",), columns, recording, robot.xml)
 
 
 MAKERS: tuple[Maker, ...] = (
-    make_unit, make_range, make_sign, make_exchange, make_frame, make_foreign,
-    make_goals, make_no_actuators, make_free_base, make_contact, make_short_run,
-)  # fmt: skip
+    make_unit,
+    make_range,
+    make_sign,
+    make_exchange,
+    make_frame,
+    make_foreign,
+    make_goals,
+    make_no_actuators,
+    make_free_base,
+    make_contact,
+    make_short_run,
+)
 
 
 def draw_setup(number: int, robot: DrawnRobot) -> Setup | None:

@@ -38,9 +38,10 @@ def test_raised_hips_are_all_that_differs(shared_recordings, tmp_path):
 def test_a_row_says_what_was_found(tmp_path):
     values = {"mass": 0.3, "position": [0.0, 0.1, -0.25]}
     finding = {
-        "effect": "payload", "target": "body:arm",
+        "effect": "payload",
+        "target": "body:arm",
         "parameters": [{"name": k, "value": v} for k, v in values.items()],
-    }  # fmt: skip
+    }
     document = {"verdict": "explained", "findings": [finding]}
     (tmp_path / "diagnosis").mkdir()
     (tmp_path / "diagnosis" / "diagnosis.json").write_text(json.dumps(document))

@@ -11,9 +11,8 @@ import pytest
 
 from benchmarks.hidden import drafts, drives, others
 from benchmarks.hidden.case import save_case
-from benchmarks.hidden.effects import BY_NAME, EFFECTS, PLACED
+from benchmarks.hidden.effects import DRAWN, PLACED, UNLISTED
 from benchmarks.hidden.effects.base import PlacedEffect
-from benchmarks.hidden.effects.unlisted import UNLISTED
 from benchmarks.hidden.judge.names import read_places
 from benchmarks.hidden.robots.shapes import ROBOTS, make_blank_robot
 from benchmarks.hidden.robots.written import WRITTEN
@@ -110,7 +109,7 @@ def test_same_seed_same_case(make):
 
 @pytest.mark.parametrize("name", NOMINAL)
 def test_nominal_effect_changes_nothing(name):
-    effect = {**BY_NAME, **PLACED}[name]
+    effect = {**DRAWN, **PLACED}[name]
     fits = effect.list_targets(make_blank_robot("arm2_servo"))
     robot = "arm2_servo" if fits else "double_pendulum"
     draw = draw_experiment(robot, np.random.default_rng(3))
@@ -155,7 +154,7 @@ def test_a_written_case_is_valid_and_named_as_the_contract_does(name, tmp_path):
     count = {"single": 1, "null": 0, "double": 2}[case.key["kind"]]
     assert len(case.key["effects"]) == count
     for effect in case.key["effects"]:
-        assert effect["target"] in places.same and effect["effect"] in BY_NAME
+        assert effect["target"] in places.same and effect["effect"] in DRAWN
     if count:
         scores = case.key["test"]
         assert scores["floor"] < scores["stated"]
@@ -208,14 +207,13 @@ def test_catalogue_is_the_contracts():
     if not contract.is_file():
         pytest.skip("no contract here")
     text = contract.read_text()
-    assert len(BY_NAME) == len(EFFECTS)
-    assert all(f"`{e.name}`" in text for e in EFFECTS)
-    assert not any(f"`{e.name}`" in text for e in UNLISTED)
+    assert all(f"`{name}`" in text for name in DRAWN)
+    assert not any(f"`{name}`" in text for name in UNLISTED)
 
 
 def test_placed_effects_have_the_names_of_the_catalogue():
     text = (ROOT / "docs" / "effects.md").read_text()
-    lacking = {name for name in PLACED if f"### `{name}`" not in text}
+    lacking = {e.name for e in PLACED.values() if f"### `{e.name}`" not in text}
     assert lacking == {"command_range"}  # a model's wrong range has no name
 
 
@@ -250,7 +248,7 @@ def test_the_hidden_truth_knows_nothing_of_the_product_s_effects():
 
 
 def test_every_effect_fits_a_robot():
-    for effect in (*EFFECTS, *UNLISTED):
+    for effect in (*DRAWN.values(), *UNLISTED.values()):
         assert any(effect.list_targets(make_blank_robot(name)) for name in ROBOTS), (
             effect.name
         )

@@ -19,7 +19,7 @@ from benchmarks.hidden.drives import make_case as make_drives
 from benchmarks.hidden.judge import drives
 from benchmarks.hidden.judge.drives import judge_verdict
 from benchmarks.hidden.judge.names import judge_names, read_places
-from benchmarks.hidden.judge.page import make_drive_sections, make_sections
+from benchmarks.hidden.judge.page import tabulate_drives, tabulate_sealed
 from benchmarks.hidden.judge.sealed import (
     compute_figures,
     compute_removed_on_test,
@@ -27,7 +27,9 @@ from benchmarks.hidden.judge.sealed import (
 )
 from benchmarks.hidden.sealed import make_case
 from benchmarks.replay_error import average_commands
+from benchmarks.writer import render_page
 from selfheal.recording import check_against_model, read, read_names
+from tests.support.paths import ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -99,6 +101,13 @@ def _diagnosed(folders, name, diagnosis):
     return read_case(cases / name, keys)
 
 
+def _render(suite, cases):
+    """The page of judged cases."""
+    tabulate = {"sealed": tabulate_sealed, "drives": tabulate_drives}[suite]
+    template = ROOT / "benchmarks" / "hidden" / "judge" / f"{suite}.md"
+    return render_page(template, {"title": "A page", **tabulate(cases)}, "a machine")
+
+
 def test_perfect_diagnosis_is_scored_perfect(folders, case):
     judged = _diagnosed(folders, case.name, _perfect(case.key))
     found = compute_figures([judged])
@@ -107,7 +116,8 @@ def test_perfect_diagnosis_is_scored_perfect(folders, case):
         assert found[figure]["rate"] == 1.0, figure
     assert found["explainable removed, median over explained"] == 1.0
     assert not found["singles with a further, wrong name"]["hits"]
-    assert make_sections([judged])[-1].rows == []
+    assert tabulate_sealed([judged])["wrong"] == []
+    assert "| 1/1 | 1/1 | 1/1 | - | - | - |" in _render("sealed", [judged])
 
 
 def test_empty_diagnosis_is_a_miss(folders, case):
@@ -227,7 +237,7 @@ def test_the_plain_fit_helps_and_the_truth_helps_more(tmp_path, monkeypatch):
         assert errors["plain"][name] < 0.7 * given
     assert judged["verdict"] == "failed" and judged["named"] == 0 < judged["needed"]
     assert drives.compute_figures([judged])["everything"]["error / plain, whole"] > 1
-    assert make_drive_sections([judged])
+    assert f"| {judged['case']} |" in _render("drives", [judged])
 
 
 def test_late_commands_are_those_of_before():

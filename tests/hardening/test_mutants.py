@@ -42,14 +42,23 @@ def _write_begun_runs(folder: Path) -> None:
     """Runs that were killed right after they began."""
     damage = "dead:left_hip_position"
     with suppress(_Begun):
-        identify("starfish", engine="statics", budget=500, cycles=2,
-                 out=folder / "identify", on_step=_stop)  # fmt: skip
+        identify(
+            "starfish",
+            engine="statics",
+            budget=500,
+            cycles=2,
+            out=folder / "identify",
+            on_step=_stop,
+        )
     with suppress(_Begun):
         heal(folder / "run.h5", damage, out=folder / "heal", on_step=_stop)
     begin_recovery(folder, make_recover_settings("quadruped", 1), force=False)
-    for made, names in (("run.h5", ["ended.h5"]), ("identify/run.h5", ["begun.h5"]),
-                        ("heal/heal.h5", ["heal.h5", "begun-heal.h5"]),
-                        ("recover.h5", ["begun-recover.h5"])):  # fmt: skip
+    for made, names in (
+        ("run.h5", ["ended.h5"]),
+        ("identify/run.h5", ["begun.h5"]),
+        ("heal/heal.h5", ["heal.h5", "begun-heal.h5"]),
+        ("recover.h5", ["begun-recover.h5"]),
+    ):
         for name in names:
             shutil.copy(folder / made, folder / name)
 

@@ -4,28 +4,28 @@ An implementation of its own: nothing of `selfheal.diagnosis` is used, so that a
 there cannot hide in the truth.
 """
 
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
 
+from benchmarks.hidden.effects import bodies, drives, joints, unlisted
 from benchmarks.hidden.effects.base import Effect
-from benchmarks.hidden.effects.bodies import BODY_EFFECTS
-from benchmarks.hidden.effects.drives import DRIVE_EFFECTS, PLACED_EFFECTS
-from benchmarks.hidden.effects.joints import JOINT_EFFECTS
 
-BY_NAME: Mapping[str, Effect] = {
-    effect.name: effect for effect in (*JOINT_EFFECTS, *DRIVE_EFFECTS, *BODY_EFFECTS)
-}
-PLACED: Mapping[str, Effect] = {effect.name: effect for effect in PLACED_EFFECTS}
-# seeds draw them by turns: a changed order is another benchmark
-# fmt: off
-_ORDER = (
-    "viscous_friction", "coulomb_friction", "stribeck_friction",
-    "load_dependent_friction", "asymmetric_friction", "quadratic_damping", "backlash",
-    "compliance", "armature", "joint_spring", "command_delay", "actuator_lag",
-    "torque_saturation", "speed_torque_limit", "servo_gain", "payload", "com_shift",
-    "slope", "fluid_drag", "ground_friction", "sensor_bias", "sensor_gain",
-    "sensor_delay", "link_length", "mount_shift", "limb_loss", "cogging",
-    "joint_coupling", "hard_stop", "rate_limit", "integral_action", "joint_jam", "wind",
-    "ground_compliance", "quantization",
-)
-# fmt: on
-EFFECTS: Sequence[Effect] = [BY_NAME[name] for name in _ORDER]
+
+def _read_catalogue() -> dict[str, dict[str, Effect]]:
+    """Effects by group and name: how each is drawn and installed, and the rest."""
+    text = Path(__file__).with_name("catalogue.toml").read_text()
+    physics = joints.PHYSICS | drives.PHYSICS | bodies.PHYSICS | unlisted.PHYSICS
+    return {
+        group: {
+            name: Effect(*physics[name], **{"name": name, **table})
+            for name, table in tables.items()
+        }
+        for group, tables in tomllib.loads(text).items()
+    }
+
+
+_CATALOGUE = _read_catalogue()
+DRAWN: Mapping[str, Effect] = _CATALOGUE["drawn"]
+PLACED: Mapping[str, Effect] = _CATALOGUE["placed"]
+UNLISTED: Mapping[str, Effect] = _CATALOGUE["unlisted"]

@@ -3,8 +3,10 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.robots.robot import Rng, Robot, get_name
@@ -13,10 +15,8 @@ from benchmarks.hidden.truth import Force, HiddenRobot
 Values = dict[str, float]
 Sized = Callable[[float], Values]  # of a size, about 1
 Draw = Callable[[Robot, str, Rng], Sized]
-Install = Callable[[HiddenRobot, str, Mapping[str, Any]], None]
+Install = Callable[[HiddenRobot, str, Values], None]
 
-TORQUE, ANGLE = "N m", "rad"
-SHIFT = {"x": "m", "y": "m", "z": "m"}
 _ARMS = ("arm2_servo", "arm2_torque", "arm3", "double_pendulum")
 _FAST = ("pendulum", "double_pendulum", "cartpole", "toss_box", "toss_stick")
 
@@ -87,10 +87,10 @@ class Effect:
     """One concealed effect.
 
     Attributes:
-        name: of contract section 4.
-        where: which of a robot's joints, bodies and so on can have it.
         draw: gives a function from a size (about 1) to its parameters.
         install: puts it into the hidden robot.
+        name: of contract section 4.
+        where: which of a robot's joints, bodies and so on can have it.
         units: of its parameters.
         sizes: smallest and largest size that is still sane.
         zeroes: values that the given model must not state, "{}" being the target; "?":
@@ -98,10 +98,10 @@ class Effect:
         density: [kg/m^3] of the medium that the given model states.
     """
 
-    name: str
-    where: str
     draw: Draw
     install: Install
+    name: str
+    where: str
     units: Mapping[str, str]
     sizes: tuple[float, float] = (0.05, 20.0)
     zeroes: tuple[str, ...] = ()
@@ -145,7 +145,7 @@ class PlacedEffect:
 
     effect: Effect
     target: str
-    values: Mapping[str, Any]
+    values: Values
     strength: tuple[float, float] = (0.0, 0.0)
 
 
@@ -168,16 +168,16 @@ def find_least_value(robot: Robot, target: str, key: str) -> float:
     return 1.35 * float(np.ravel(getattr(joint, key))[0])
 
 
-def draw_number(key: str, value: float, signed: bool = False) -> Draw:
-    """A draw of one parameter that starts from a plain number.
+def draw_number(key: str, value: float) -> Draw:
+    """A draw of one parameter that has this value at size 1."""
+    return lambda robot, target, rng: lambda size: {key: size * value}
 
-    Args:
-        value: at size 1.
-        signed: whether its sign is drawn too.
-    """
+
+def draw_signed(key: str, value: float) -> Draw:
+    """A draw of one parameter that has this value at size 1, of either sign."""
 
     def draw(robot: Robot, target: str, rng: Rng) -> Sized:
-        sign = rng.choice([-1.0, 1.0]) if signed else 1.0
+        sign = rng.choice([-1.0, 1.0])
         return lambda size: {key: sign * size * value}
 
     return draw
@@ -205,35 +205,45 @@ class Joint:
     name: str
     model: Any
 
-    @property
+    @cached_property
     def q(self) -> int:
         """Its place in qpos."""
         return int(self.model.joint(self.name).qposadr[0])
 
-    @property
+    @cached_property
     def dof(self) -> int:
         """Its place in qvel."""
         return int(self.model.joint(self.name).dofadr[0])
 
-    @property
+    @cached_property
     def actuator(self) -> int:
         """The number of what moves it."""
         return int(self.model.actuator(self.robot.find_actuator(self.name)).id)
 
-    @property
+    @cached_property
     def control(self) -> int:
         """The place of its command in ctrl."""
         return int(self.model.actuator_ctrladr[self.actuator])
 
+    @cached_property
+    def stiffness(self) -> float:
+        """Of the servo that moves it [N m/rad]."""
+        return float(self.model.actuator_gainprm[self.actuator, 0])
 
-def push_joint(make: Callable[..., Force]) -> Install:
-    """What installs a force at the joint of a target.
+
+def push_joint(push: Callable[[Joint, Values, mujoco.MjData, float], None]) -> Install:
+    """What installs a force at the joint of a target, which keeps nothing.
 
     Args:
-        make: makes it from a `Joint` and the effect's parameters.
+        push: gets the joint, the effect's parameters, MjData and the time [s].
     """
+    return make_joint_force(lambda joint, values: partial(push, joint, values))
 
-    def install(truth: HiddenRobot, target: str, values: Mapping[str, Any]) -> None:
+
+def make_joint_force(make: Callable[[Joint, Values], Force]) -> Install:
+    """What installs a force at the joint of a target, which may keep a state."""
+
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
         name = truth.robot.find_joint(target)
         truth.forces.append(lambda model: make(Joint(truth.robot, name, model), values))
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hidden.effects.base import (
-    ANGLE,
-    SHIFT,
-    Effect,
+    Draw,
     Install,
     Sized,
+    Values,
     draw_nothing,
     draw_number,
+    draw_signed,
 )
 from benchmarks.hidden.robots.robot import GRAVITY, Rng, Robot, get_name
 from benchmarks.hidden.truth import HiddenRobot, SensorModel, stretch_body
@@ -34,7 +34,7 @@ def _draw_payload(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"mass": 0.35 * s * mass, **names}
 
 
-def _install_payload(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_payload(truth: HiddenRobot, target: str, v: Values) -> None:
     """A small massive ball fixed to the body."""
     place = [v.get(f"position_{c}", 0.0) for c in "xyz"]
     child = truth.spec.body(get_name(target)).add_body(name="payload", pos=place)
@@ -52,7 +52,7 @@ def _draw_com_shift(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: dict(zip("xyz", s * scale * direction, strict=True))
 
 
-def _install_com_shift(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_com_shift(truth: HiddenRobot, target: str, v: Values) -> None:
     body = truth.spec.body(get_name(target))
     body.ipos = body.ipos + [v[c] for c in "xyz"]
 
@@ -71,7 +71,7 @@ def _draw_length(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"length": length * max(1 + sign * (0.06 + 0.08 * s), 0.4)}
 
 
-def _install_length(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_length(truth: HiddenRobot, target: str, v: Values) -> None:
     """A link of another length, stretched with its mass and inertia."""
     link = truth.spec.body(get_name(target))
     length, axis = measure_limb(link)
@@ -87,12 +87,12 @@ def _draw_mount_shift(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: dict(zip("xyz", 0.012 * s * direction, strict=True))
 
 
-def _install_mount_shift(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_mount_shift(truth: HiddenRobot, target: str, v: Values) -> None:
     body = truth.spec.body(get_name(target))
     body.pos = body.pos + [v[c] for c in "xyz"]
 
 
-def _install_limb_loss(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_limb_loss(truth: HiddenRobot, target: str, v: Values) -> None:
     """A body without mass and without contacts."""
     body = truth.spec.body(get_name(target))
     body.mass = 1e-4
@@ -112,25 +112,26 @@ def _draw_slope(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"tilt": 0.04 * s, "azimuth": azimuth}
 
 
-def _install_slope(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_slope(truth: HiddenRobot, target: str, v: Values) -> None:
     """Gravity as a tilted floor has it."""
     tilt, way = v["tilt"], v["azimuth"]
     down = np.array([math.sin(tilt) * math.cos(way), math.sin(tilt) * math.sin(way)])
     truth.spec.option.gravity = GRAVITY * np.r_[down, -math.cos(tilt)]
 
 
-def _install_medium(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_medium(truth: HiddenRobot, target: str, v: Values) -> None:
     truth.spec.option.density = v["density"]
 
 
 def _draw_wind(robot: Robot, target: str, rng: Rng) -> Sized:
     azimuth = rng.uniform(-0.4, 0.4) + rng.choice([0, math.pi])
     way = [math.cos(azimuth), math.sin(azimuth) if robot.free else 0.0, 0.0]
-    return lambda s: dict(zip(("vx", "vy", "vz"), (3.0 * s * d for d in way),
-                              strict=True))  # fmt: skip
+    return lambda s: dict(
+        zip(("vx", "vy", "vz"), (3.0 * s * d for d in way), strict=True)
+    )
 
 
-def _install_wind(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_wind(truth: HiddenRobot, target: str, v: Values) -> None:
     truth.spec.option.wind = [v[c] for c in ("vx", "vy", "vz")]
 
 
@@ -146,9 +147,7 @@ def _draw_ground_friction(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"friction": given * max(0.65 / (1 + 0.5 * s), 0.1)}
 
 
-def _install_ground_friction(
-    truth: HiddenRobot, target: str, v: Mapping[str, Any]
-) -> None:
+def _install_ground_friction(truth: HiddenRobot, target: str, v: Values) -> None:
     geoms = _list_contact_geoms(truth.spec)
     highest = max(g.friction[0] for g in geoms)
     for geom in geoms:
@@ -160,9 +159,7 @@ def _draw_ground_compliance(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"timeconst": 0.02 * (1 + s), "dampratio": ratio}
 
 
-def _install_ground_compliance(
-    truth: HiddenRobot, target: str, v: Mapping[str, Any]
-) -> None:
+def _install_ground_compliance(truth: HiddenRobot, target: str, v: Values) -> None:
     for geom in _list_contact_geoms(truth.spec):
         geom.solref = [v["timeconst"], v["dampratio"]]
 
@@ -179,7 +176,7 @@ def _draw_sensor_gain(robot: Robot, target: str, rng: Rng) -> Sized:
 def _mistake(field: str) -> Install:
     """What sets a field of a signal's `SensorModel`; a delay in whole fine steps."""
 
-    def install(truth: HiddenRobot, target: str, v: Any) -> None:
+    def install(truth: HiddenRobot, target: str, v: Values) -> None:
         now = truth.readings.get(get_name(target), SensorModel())
         if field == "delay":
             v[field] = round(v[field] / truth.robot.fine) * truth.robot.fine
@@ -188,46 +185,25 @@ def _mistake(field: str) -> Install:
     return install
 
 
-def _install_vector_bias(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_vector_bias(truth: HiddenRobot, target: str, v: Values) -> None:
     bias = tuple(v.get(f"bias_{c}", 0.0) for c in "xyz")
     truth.readings[get_name(target)] = SensorModel(bias=bias)
 
 
-# fmt: off
-BODY_EFFECTS = (
-    Effect("payload", "loaded body", _draw_payload, _install_payload,
-           {"mass": "kg", "position_x": "m", "position_y": "m", "position_z": "m"}),
-    Effect("com_shift", "shiftable body", _draw_com_shift, _install_com_shift, SHIFT,
-           sizes=(0.05, 4.0)),
-    Effect("slope", "tiltable world", _draw_slope, _install_slope,
-           {"tilt": ANGLE, "azimuth": ANGLE}, sizes=(0.05, 8.0)),
-    Effect("fluid_drag", "fast world", draw_number("density", 60.0), _install_medium,
-           {"density": "kg/m^3"}, sizes=(0.01, 20.0)),
-    Effect("ground_friction", "floor world", _draw_ground_friction,
-           _install_ground_friction, {"friction": "1"}, sizes=(0.1, 10)),
-    Effect("sensor_bias", "position sensor", draw_number("bias", 0.02, signed=True),
-           _mistake("bias"), {"bias": ANGLE}),
-    Effect("sensor_gain", "position sensor", _draw_sensor_gain, _mistake("gain"),
-           {"gain": "1"}, sizes=(0.05, 8.0)),
-    Effect("sensor_delay", "position sensor", draw_number("delay", 0.01),
-           _mistake("delay"), {"delay": "s"}, sizes=(0.1, 10.0)),
-    Effect("link_length", "long body", _draw_length, _install_length, {"length": "m"},
-           sizes=(0.05, 5.0)),
-    Effect("mount_shift", "mounted body", _draw_mount_shift, _install_mount_shift,
-           SHIFT, sizes=(0.1, 4.0)),
-    Effect("limb_loss", "losable body", draw_nothing, _install_limb_loss, {},
-           sizes=(1.0, 1.0)),
-    Effect("wind", "fast world", _draw_wind, _install_wind,
-           {"vx": "m/s", "vy": "m/s", "vz": "m/s"}, sizes=(0.02, 8.0),
-           density=(1.2, 1.2, 1000.0)),
-    Effect("ground_compliance", "floor world", _draw_ground_compliance,
-           _install_ground_compliance, {"timeconst": "s", "dampratio": "1"},
-           sizes=(0.1, 8.0)),
-    Effect("quantization", "position sensor", draw_number("step", 0.01),
-           _mistake("step"), {"step": ANGLE}, sizes=(0.3, 6.0)),
-)
-# of a sensor of three columns
-VECTOR_BIAS = Effect("sensor_bias", "position sensor", draw_nothing,
-                     _install_vector_bias,
-                     {f"bias_{c}": "rad/s" for c in "xyz"})
-# fmt: on
+PHYSICS: Mapping[str, tuple[Draw, Install]] = {
+    "payload": (_draw_payload, _install_payload),
+    "com_shift": (_draw_com_shift, _install_com_shift),
+    "slope": (_draw_slope, _install_slope),
+    "fluid_drag": (draw_number("density", 60.0), _install_medium),
+    "ground_friction": (_draw_ground_friction, _install_ground_friction),
+    "sensor_bias": (draw_signed("bias", 0.02), _mistake("bias")),
+    "sensor_gain": (_draw_sensor_gain, _mistake("gain")),
+    "sensor_delay": (draw_number("delay", 0.01), _mistake("delay")),
+    "link_length": (_draw_length, _install_length),
+    "mount_shift": (_draw_mount_shift, _install_mount_shift),
+    "limb_loss": (draw_nothing, _install_limb_loss),
+    "wind": (_draw_wind, _install_wind),
+    "ground_compliance": (_draw_ground_compliance, _install_ground_compliance),
+    "quantization": (draw_number("step", 0.01), _mistake("step")),
+    "vector_bias": (draw_nothing, _install_vector_bias),
+}

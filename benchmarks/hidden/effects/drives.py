@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.hidden.effects.base import (
-    ANGLE,
-    TORQUE,
-    Effect,
+    Draw,
     Install,
     Joint,
     Sized,
@@ -19,6 +17,7 @@ from benchmarks.hidden.effects.base import (
     draw_number,
     find_load,
     find_speed,
+    make_joint_force,
     push_joint,
 )
 from benchmarks.hidden.robots.robot import Rng, Robot, get_name
@@ -74,14 +73,14 @@ def _lead_command(lead: float, fine: float) -> CommandShaper:
 def _shape(make: Callable[[float, float], CommandShaper], key: str) -> Install:
     """What installs a shaper, from a parameter and the fine step [s]."""
 
-    def install(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+    def install(truth: HiddenRobot, target: str, v: Values) -> None:
         chain = truth.shapers.setdefault(get_name(target), [])
         chain.append(lambda fine: make(v[key], fine))
 
     return install
 
 
-def _install_shift(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_shift(truth: HiddenRobot, target: str, v: Values) -> None:
     """All commands come late, or before the recording says so."""
     truth.ahead = max(-v["shift"], 0.0)
     if v["shift"] > 0:
@@ -104,12 +103,12 @@ def _draw_torque_limit(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"limit": load * max(1.6 / (1 + 0.5 * s), 0.15)}
 
 
-def _install_saturation(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_saturation(truth: HiddenRobot, target: str, v: Values) -> None:
     actuator = truth.spec.actuator(get_name(target))
     actuator.forcerange, actuator.forcelimited = [-v["limit"], v["limit"]], 1
 
 
-def _install_goals(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_goals(truth: HiddenRobot, target: str, v: Values) -> None:
     actuator = truth.spec.actuator(get_name(target))
     actuator.ctrlrange, actuator.ctrllimited = [v["low"], v["high"]], 1
 
@@ -129,24 +128,18 @@ def _draw_speed_limit(robot: Robot, target: str, rng: Rng) -> Sized:
     return values
 
 
-def _install_speed_limit(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_speed_limit(truth: HiddenRobot, target: str, v: Values) -> None:
     """A force limit of the actuator that falls with speed."""
     _install_saturation(truth, target, {"limit": 1.0})
     push_joint(_push_speed_limit)(truth, target, v)
 
 
-def _push_speed_limit(joint: Joint, v: Values) -> Force:
+def _push_speed_limit(joint: Joint, v: Values, data: Any, time: float) -> None:
     """Torque in the direction of motion falls from stall to 0 at the no-load speed."""
-    model, dof, index = joint.model, joint.dof, joint.actuator
-    stall, no_load = v["stall_torque"], v["no_load_speed"]
-
-    def push(data: Any, time: float) -> None:
-        ratio = float(data.qvel[dof]) / no_load
-        high = stall * min(max(1 - ratio, 0.0), 1.0)
-        low = stall * min(max(1 + ratio, 0.0), 1.0)
-        model.actuator_forcerange[index] = (-low, high)
-
-    return push
+    ratio, stall = float(data.qvel[joint.dof]) / v["no_load_speed"], v["stall_torque"]
+    high = stall * min(max(1 - ratio, 0.0), 1.0)
+    low = stall * min(max(1 + ratio, 0.0), 1.0)
+    joint.model.actuator_forcerange[joint.actuator] = (-low, high)
 
 
 # ---------------------------------------------------------------- gains
@@ -161,7 +154,7 @@ def _draw_kp(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"kp": given * max(0.65 / (1 + 0.4 * s), 0.2)}
 
 
-def _install_gain(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_gain(truth: HiddenRobot, target: str, v: Values) -> None:
     """Another gain of a position servo; of a thruster at a site, its gear."""
     actuator = truth.spec.actuator(get_name(target))
     if truth.robot.drive == "servo":
@@ -170,9 +163,7 @@ def _install_gain(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None
         scale_gain(actuator, "gear", v["kp"] / np.abs(actuator.gear[:3]).max())
 
 
-def _install_torque_constant(
-    truth: HiddenRobot, target: str, v: Mapping[str, Any]
-) -> None:
+def _install_torque_constant(truth: HiddenRobot, target: str, v: Values) -> None:
     scale_gain(truth.spec.actuator(get_name(target)), "gear", v["gain"])
 
 
@@ -181,43 +172,35 @@ def _draw_integral(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"ki": 10 * load * s, "imax": 0.6 * load}
 
 
-def _push_integral(joint: Joint, v: Values) -> Force:
+def _make_integral(joint: Joint, v: Values) -> Force:
     """Torque = ki x integral of the servo's error, within imax; 0 at time 0."""
-    place, dof, control, total = joint.q, joint.dof, joint.control, [0.0]
-    fine, ki, imax = float(joint.model.opt.timestep), v["ki"], v["imax"]
+    total, fine, imax = [0.0], float(joint.model.opt.timestep), v["imax"]
 
     def push(data: Any, time: float) -> None:
         if time < 0:
             return
-        error = float(data.ctrl[control]) - float(data.qpos[place])
-        total[0] = min(max(total[0] + ki * error * fine, -imax), imax)
-        data.qfrc_applied[dof] += total[0]
+        error = float(data.ctrl[joint.control]) - float(data.qpos[joint.q])
+        total[0] = min(max(total[0] + v["ki"] * error * fine, -imax), imax)
+        data.qfrc_applied[joint.dof] += total[0]
 
     return push
 
 
-def _push_dead_band(joint: Joint, v: Values) -> Force:
+def _push_dead_band(joint: Joint, v: Values, data: Any, time: float) -> None:
     """The servo's stiffness does nothing within a torque [N m] of its error."""
-    place, dof, control, width = joint.q, joint.dof, joint.control, v["width"]
-    stiff = float(joint.model.actuator_gainprm[joint.actuator, 0])
-
-    def push(data: Any, time: float) -> None:
-        asked = stiff * float(data.ctrl[control] - data.qpos[place])
-        data.qfrc_applied[dof] -= min(max(asked, -width), width)
-
-    return push
+    error = float(data.ctrl[joint.control] - data.qpos[joint.q])
+    commanded, width = joint.stiffness * error, v["width"]
+    data.qfrc_applied[joint.dof] -= min(max(commanded, -width), width)
 
 
-def _install_compensation(
-    truth: HiddenRobot, target: str, v: Mapping[str, Any]
-) -> None:
+def _install_compensation(truth: HiddenRobot, target: str, v: Values) -> None:
     """The controller carries the weight that the given model has."""
     for body in truth.spec.bodies[1:]:
         if body.mass:
             body.gravcomp = truth.robot.model.body(body.name).mass[0] / body.mass
 
 
-def _install_soft_base(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_soft_base(truth: HiddenRobot, target: str, v: Values) -> None:
     """The base rocks about its y axis."""
     base = truth.spec.body(get_name(target))
     joint = base.add_joint(name="mount", axis=[0, 1, 0])
@@ -225,37 +208,19 @@ def _install_soft_base(truth: HiddenRobot, target: str, v: Mapping[str, Any]) ->
     truth.sprung.append("mount")
 
 
-# fmt: off
-DRIVE_EFFECTS = (
-    Effect("command_delay", "any actuator", draw_number("delay", 0.01),
-           _shape(_delay_command, "delay"), {"delay": "s"}, sizes=(0.1, 10.0)),
-    Effect("actuator_lag", "any actuator", draw_number("timeconst", 0.02),
-           _shape(_lag_command, "timeconst"), {"timeconst": "s"}, sizes=(0.05, 10.0)),
-    Effect("torque_saturation", "any actuator", _draw_torque_limit, _install_saturation,
-           {"limit": TORQUE}),
-    Effect("speed_torque_limit", "arm servo actuator", _draw_speed_limit,
-           _install_speed_limit, {"stall_torque": TORQUE, "no_load_speed": "rad/s"}),
-    Effect("servo_gain", "servo actuator", _draw_kp, _install_gain,
-           {"kp": "N m/rad"}, sizes=(0.05, 6.0)),
-    Effect("rate_limit", "servo actuator", _draw_rate, _shape(_limit_rate, "rate"),
-           {"rate": "rad/s"}),
-    Effect("integral_action", "arm servo actuator", _draw_integral,
-           push_joint(_push_integral), {"ki": "N m/(rad s)", "imax": TORQUE}),
-)
-# only placed, never drawn by size
-PLACED_EFFECTS = (
-    Effect("command_range", "any actuator", draw_nothing, _install_goals,
-           {"low": ANGLE, "high": ANGLE}),
-    Effect("clock_shift", "any actuator", draw_nothing, _install_shift, {"shift": "s"}),
-    Effect("torque_constant", "any actuator", draw_nothing, _install_torque_constant,
-           {"gain": "1"}),
-    Effect("velocity_feedforward", "servo actuator", draw_nothing,
-           _shape(_lead_command, "lead"), {"lead": "s"}),
-    Effect("dead_band", "servo actuator", draw_nothing, push_joint(_push_dead_band),
-           {"width": TORQUE}),
-    Effect("gravity_compensation", "any actuator", draw_nothing, _install_compensation,
-           {}),
-    Effect("base_compliance", "loaded body", draw_nothing, _install_soft_base,
-           {"stiffness": "N m/rad", "damping": "N m s/rad"}),
-)
-# fmt: on
+PHYSICS: Mapping[str, tuple[Draw, Install]] = {
+    "command_delay": (draw_number("delay", 0.01), _shape(_delay_command, "delay")),
+    "actuator_lag": (draw_number("timeconst", 0.02), _shape(_lag_command, "timeconst")),
+    "torque_saturation": (_draw_torque_limit, _install_saturation),
+    "speed_torque_limit": (_draw_speed_limit, _install_speed_limit),
+    "servo_gain": (_draw_kp, _install_gain),
+    "rate_limit": (_draw_rate, _shape(_limit_rate, "rate")),
+    "integral_action": (_draw_integral, make_joint_force(_make_integral)),
+    "command_range": (draw_nothing, _install_goals),
+    "clock_shift": (draw_nothing, _install_shift),
+    "torque_constant": (draw_nothing, _install_torque_constant),
+    "velocity_feedforward": (draw_nothing, _shape(_lead_command, "lead")),
+    "dead_band": (draw_nothing, push_joint(_push_dead_band)),
+    "gravity_compensation": (draw_nothing, _install_compensation),
+    "base_compliance": (draw_nothing, _install_soft_base),
+}

@@ -7,9 +7,7 @@ from typing import Any
 import mujoco
 
 from benchmarks.hidden.effects.base import (
-    ANGLE,
-    TORQUE,
-    Effect,
+    Draw,
     Install,
     Joint,
     Sized,
@@ -22,7 +20,7 @@ from benchmarks.hidden.effects.base import (
     push_joint,
 )
 from benchmarks.hidden.robots.robot import GRAVITY, Rng, Robot, get_name
-from benchmarks.hidden.truth import Force, HiddenRobot
+from benchmarks.hidden.truth import HiddenRobot
 
 PLAY = 1e-6  # [kg m^2] rotor inertia of a joint that is added; chosen: negligible
 STOP = (0.002, 1.0)  # solref of stops and gaps: as hard as the fine step resolves
@@ -33,7 +31,7 @@ _DAMPINGS = ("damping", "damping2")  # a polynomial in MjSpec
 def set_joint(key: str) -> Install:
     """What sets a value of the joint, under MJCF's own name."""
 
-    def install(truth: HiddenRobot, target: str, values: Mapping[str, Any]) -> None:
+    def install(truth: HiddenRobot, target: str, values: Values) -> None:
         joint = truth.spec.joint(get_name(target))
         if key in _DAMPINGS:
             joint.damping[_DAMPINGS.index(key)] = values[key]
@@ -78,35 +76,25 @@ def _draw_stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
     return values
 
 
-def _push_stiction(joint: Joint, v: Values) -> Force:
+def _push_stiction(joint: Joint, v: Values, data: Any, time: float) -> None:
     """Friction that falls with speed: excess exp(-(v / stribeck_velocity)^2)."""
-    model, dof = joint.model, joint.dof
-
-    def push(data: Any, time: float) -> None:
-        ratio = float(data.qvel[dof]) / v["stribeck_velocity"]
-        extra = v["excess"] * math.exp(-min(ratio * ratio, 700.0))
-        model.dof_frictionloss[dof] += extra
-
-    return push
+    ratio = float(data.qvel[joint.dof]) / v["stribeck_velocity"]
+    extra = v["excess"] * math.exp(-min(ratio * ratio, 700.0))
+    joint.model.dof_frictionloss[joint.dof] += extra
 
 
-def _install_stribeck(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_stribeck(truth: HiddenRobot, target: str, v: Values) -> None:
     truth.spec.joint(get_name(target)).frictionloss = v["coulomb"]
     excess = {**v, "excess": v["static"] - v["coulomb"]}
     push_joint(_push_stiction)(truth, target, excess)
 
 
-def _push_load_friction(joint: Joint, v: Values) -> Force:
+def _push_load_friction(joint: Joint, v: Values, data: Any, time: float) -> None:
     """Friction = load_coefficient |torque| of the motor, or of motor and load."""
-    model, dof, both = joint.model, joint.dof, v.get("both", 0.0)
-
-    def push(data: Any, time: float) -> None:
-        torque = abs(float(data.qfrc_actuator[dof]))
-        if both:
-            torque = 0.5 * abs(data.qfrc_actuator[dof] + data.qfrc_bias[dof])
-        model.dof_frictionloss[dof] += v["load_coefficient"] * torque
-
-    return push
+    torque = abs(float(data.qfrc_actuator[joint.dof]))
+    if v.get("both", 0.0):
+        torque = 0.5 * abs(data.qfrc_actuator[joint.dof] + data.qfrc_bias[joint.dof])
+    joint.model.dof_frictionloss[joint.dof] += v["load_coefficient"] * torque
 
 
 def _draw_asymmetric_friction(robot: Robot, target: str, rng: Rng) -> Sized:
@@ -116,22 +104,15 @@ def _draw_asymmetric_friction(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"positive": s * base * pair[0], "negative": s * base * pair[1]}
 
 
-def _install_asymmetric_friction(
-    truth: HiddenRobot, target: str, v: Mapping[str, Any]
-) -> None:
+def _install_asymmetric_friction(truth: HiddenRobot, target: str, v: Values) -> None:
     """A symmetric friction and a torque."""
     positive, negative = v["positive"], v["negative"]
     truth.spec.joint(get_name(target)).frictionloss = (positive + negative) / 2
     push_joint(_push_torque)(truth, target, {"torque": (negative - positive) / 2})
 
 
-def _push_torque(joint: Joint, v: Values) -> Force:
-    dof = joint.dof
-
-    def push(data: Any, time: float) -> None:
-        data.qfrc_applied[dof] += v["torque"]
-
-    return push
+def _push_torque(joint: Joint, v: Values, data: Any, time: float) -> None:
+    data.qfrc_applied[joint.dof] += v["torque"]
 
 
 # ---------------------------------------------------------------- play and springs
@@ -148,7 +129,7 @@ def _add_joint(truth: HiddenRobot, target: str, suffix: str, **settings: Any) ->
     return made
 
 
-def _install_backlash(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_backlash(truth: HiddenRobot, target: str, v: Values) -> None:
     """A free joint with a narrow range."""
     half = v["gap"] / 2
     limits = {"range": [-half, half], "limited": 1, "solref_limit": STOP}
@@ -161,7 +142,7 @@ def _draw_compliance(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"stiffness": base / s, "damping": lossy * base / s}
 
 
-def _install_compliance(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_compliance(truth: HiddenRobot, target: str, v: Values) -> None:
     flex = _add_joint(truth, target, "flex", armature=PLAY)
     flex.stiffness[0], flex.damping[0] = v["stiffness"], v["damping"]
 
@@ -181,7 +162,7 @@ def _draw_spring(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"stiffness": s * base, "springref": rest}
 
 
-def _install_spring(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_spring(truth: HiddenRobot, target: str, v: Values) -> None:
     joint = truth.spec.joint(get_name(target))
     joint.stiffness[0], joint.springref = v["stiffness"], v["springref"]
 
@@ -194,15 +175,10 @@ def _draw_cogging(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"amplitude": s * base, "poles": poles, "phase": phase}
 
 
-def _push_cogging(joint: Joint, v: Values) -> Force:
+def _push_cogging(joint: Joint, v: Values, data: Any, time: float) -> None:
     """Torque = amplitude sin(poles q + phase)."""
-    place, dof = joint.q, joint.dof
-
-    def push(data: Any, time: float) -> None:
-        angle = v["poles"] * float(data.qpos[place]) + v["phase"]
-        data.qfrc_applied[dof] += v["amplitude"] * math.sin(angle)
-
-    return push
+    angle = v["poles"] * float(data.qpos[joint.q]) + v["phase"]
+    data.qfrc_applied[joint.dof] += v["amplitude"] * math.sin(angle)
 
 
 def _draw_coupling(robot: Robot, target: str, rng: Rng) -> Sized:
@@ -211,7 +187,7 @@ def _draw_coupling(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"stiffness": s * base, "ratio": ratio}
 
 
-def _install_coupling(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_coupling(truth: HiddenRobot, target: str, v: Values) -> None:
     """A tendon that also pulls at the joint before."""
     name, joints = get_name(target), truth.robot.joints
     tendon = truth.spec.add_tendon(name="belt", springlength=[0.0, 0.0])
@@ -231,7 +207,7 @@ def _draw_stop(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"range": middle + side * reach * max(0.8 - 0.2 * s, 0.15)}
 
 
-def _install_stop(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_stop(truth: HiddenRobot, target: str, v: Values) -> None:
     """A hard limit of the joint on one side of its motion."""
     joint, angle = truth.spec.joint(get_name(target)), v["range"]
     above = angle > truth.robot.center.get(joint.name, 0.0)
@@ -239,7 +215,7 @@ def _install_stop(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None
     joint.limited, joint.solref_limit = 1, (0.005, 1.0)
 
 
-def _install_range(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_range(truth: HiddenRobot, target: str, v: Values) -> None:
     joint = truth.spec.joint(get_name(target))
     joint.range, joint.limited = [v["low"], v["high"]], 1
 
@@ -251,7 +227,7 @@ def _draw_jam_angle(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"angle": angle * 0.7}
 
 
-def _install_jam(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
+def _install_jam(truth: HiddenRobot, target: str, v: Values) -> None:
     """A constraint that holds the joint at an angle."""
     joint, angle = get_name(target), v["angle"]
     lock = truth.spec.add_equality(type=mujoco.mjtEq.mjEQ_JOINT, name1=joint)
@@ -260,44 +236,24 @@ def _install_jam(truth: HiddenRobot, target: str, v: Mapping[str, Any]) -> None:
     truth.pinned[joint] = angle
 
 
-# fmt: off
-JOINT_EFFECTS = (
-    Effect("viscous_friction", "any joint", _draw_damping, set_joint("damping"),
-           {"damping": "N m s/rad"}),
-    Effect("coulomb_friction", "any joint", _draw_dry_friction,
-           set_joint("frictionloss"), {"frictionloss": TORQUE}),
-    Effect("stribeck_friction", "arm joint", _draw_stribeck, _install_stribeck,
-           {"coulomb": TORQUE, "static": TORQUE, "stribeck_velocity": "rad/s"},
-           zeroes=("frictionloss:{}",)),
-    Effect("load_dependent_friction", "driven arm joint",
-           draw_number("load_coefficient", 0.15), push_joint(_push_load_friction),
-           {"load_coefficient": "1"}, sizes=(0.05, 4.0)),
-    Effect("asymmetric_friction", "arm joint", _draw_asymmetric_friction,
-           _install_asymmetric_friction, {"positive": TORQUE, "negative": TORQUE},
-           zeroes=("frictionloss:{}",)),
-    Effect("quadratic_damping", "arm joint", _draw_damping2, set_joint("damping2"),
-           {"damping2": "N m s^2/rad^2"}),
-    Effect("backlash", "driven arm joint", draw_number("gap", 0.02), _install_backlash,
-           {"gap": ANGLE}),
-    Effect("compliance", "driven arm joint", _draw_compliance, _install_compliance,
-           {"stiffness": "N m/rad", "damping": "N m s/rad"}, sizes=(0.02, 10.0)),
-    Effect("armature", "arm joint", _draw_armature, set_joint("armature"),
-           {"armature": "kg m^2"}, zeroes=("armature:{}?",)),
-    Effect("joint_spring", "any joint", _draw_spring, _install_spring,
-           {"stiffness": "N m/rad", "springref": ANGLE}),
-    Effect("cogging", "arm joint", _draw_cogging, push_joint(_push_cogging),
-           {"amplitude": TORQUE, "poles": "1", "phase": ANGLE}),
-    Effect("joint_coupling", "coupled joint", _draw_coupling, _install_coupling,
-           {"stiffness": "N m/rad", "ratio": "1"}),
-    Effect("hard_stop", "arm joint", _draw_stop, _install_stop, {"range": ANGLE},
-           sizes=(0.05, 3.2)),
-    Effect("joint_jam", "jammable joint", _draw_jam_angle, _install_jam,
-           {"angle": ANGLE}, sizes=(1.0, 1.0)),
-)
-# parts of the above, and what is stated of a joint: only placed, never drawn by size
-STICTION = Effect("stribeck_friction", "any joint", draw_nothing,
-                  push_joint(_push_stiction),
-                  {"excess": TORQUE, "stribeck_velocity": "rad/s"})
-RANGE = Effect("hard_stop", "any joint", draw_nothing, _install_range,
-               {"low": ANGLE, "high": ANGLE})
-# fmt: on
+PHYSICS: Mapping[str, tuple[Draw, Install]] = {
+    "viscous_friction": (_draw_damping, set_joint("damping")),
+    "coulomb_friction": (_draw_dry_friction, set_joint("frictionloss")),
+    "stribeck_friction": (_draw_stribeck, _install_stribeck),
+    "load_dependent_friction": (
+        draw_number("load_coefficient", 0.15),
+        push_joint(_push_load_friction),
+    ),
+    "asymmetric_friction": (_draw_asymmetric_friction, _install_asymmetric_friction),
+    "quadratic_damping": (_draw_damping2, set_joint("damping2")),
+    "backlash": (draw_number("gap", 0.02), _install_backlash),
+    "compliance": (_draw_compliance, _install_compliance),
+    "armature": (_draw_armature, set_joint("armature")),
+    "joint_spring": (_draw_spring, _install_spring),
+    "cogging": (_draw_cogging, push_joint(_push_cogging)),
+    "joint_coupling": (_draw_coupling, _install_coupling),
+    "hard_stop": (_draw_stop, _install_stop),
+    "joint_jam": (_draw_jam_angle, _install_jam),
+    "stiction": (draw_nothing, push_joint(_push_stiction)),
+    "joint_range": (draw_nothing, _install_range),
+}

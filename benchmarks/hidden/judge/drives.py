@@ -104,8 +104,11 @@ def _measure_shares(
     draft: Draft, experiment: Experiment, tests: Pieces
 ) -> list[dict[str, Any]]:
     """What each effect removes of the squared error when added last to the others."""
-    some = {name: choose_evenly(tests[name], count) for name, count in SHARED.items()
-            if tests[name].episodes}  # fmt: skip
+    some = {
+        name: choose_evenly(tests[name], count)
+        for name, count in SHARED.items()
+        if tests[name].episodes
+    }
 
     def measure(placed: Sequence[PlacedEffect]) -> dict[str, float]:
         return {
@@ -116,13 +119,15 @@ def _measure_shares(
     for one, rest in draft.list_missing():
         without = measure(rest)
         shares = {n: 1 - whole[n] ** 2 / without[n] ** 2 for n in some}
-        found.append({
-            "names": (one.effect.name, *ALSO.get(one.effect.name, ())),
-            "target": one.target,
-            "values": one.values,
-            "share": shares,
-            "needed": max(shares.values()) >= LEAST_SHARE,
-        })  # fmt: skip
+        found.append(
+            {
+                "names": (one.effect.name, *ALSO.get(one.effect.name, ())),
+                "target": one.target,
+                "values": one.values,
+                "share": shares,
+                "needed": max(shares.values()) >= LEAST_SHARE,
+            }
+        )
     return found
 
 

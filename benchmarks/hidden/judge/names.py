@@ -279,6 +279,9 @@ def judge_names(
     ]
     needed = sum(e["needed"] for e in effects)
     return {
-        "needed": needed, "named": needed - len(missed), "missed": missed,
-        "names": len(findings), "false": false,
-    }  # fmt: skip
+        "needed": needed,
+        "named": needed - len(missed),
+        "missed": missed,
+        "names": len(findings),
+        "false": false,
+    }

@@ -1,20 +1,14 @@
-"""The pages: takes judged cases, gives their sections."""
+"""Tables of the pages: judged cases in, what sealed.md and drives.md show out."""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from benchmarks.hidden.drafts import KINDS
 from benchmarks.hidden.drives import HORIZONS
-from benchmarks.hidden.judge import drives
-from benchmarks.hidden.judge.sealed import (
-    Judged,
-    compute_figures,
-    compute_median,
-    count_confusions,
-    select_kind,
-)
-from benchmarks.writer import Section
+from benchmarks.hidden.judge import drives, sealed
+from benchmarks.hidden.judge.sealed import Judged, compute_median, select_kind
+from benchmarks.writer import format_hits
 from selfheal.study.statistics import format_share
 
 TARGETS = {
@@ -45,111 +39,67 @@ def _format_figure(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _list_figures(figures: Mapping[str, Any]):
-    """Header and rows of a table of figures."""
-    rows = [
+def _list_figures(figures: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Figures with their targets."""
+    return [
         (name, _format_figure(value), TARGETS.get(name.partition(", ")[0], ""))
         for name, value in figures.items()
     ]
-    return ("figure", "value", "target"), rows
 
 
-def make_sections(cases: Sequence[Judged]) -> list[Section]:
-    """All sections of the page of cases with one or two effects."""
-    found = compute_figures(cases)
+def tabulate_sealed(cases: Sequence[Judged]) -> dict[str, object]:
+    """Tables of cases with one or two effects."""
+    figures = sealed.compute_figures(cases)
     counts = Counter(c["kind"] for c in cases)
-    kinds = ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items()))
-    return [
-        Section(
-            "Figures",
-            f"{len(cases)} cases: {kinds}. Shares with their 95 % Wilson interval. The "
-            "key of each case was opened after all diagnoses were written.",
-            *_list_figures(found),
-        ),
-        _make_group_section("By robot", cases, lambda c: c["robot"]),
-        _make_group_section(
-            "By effect",
-            select_kind(cases, "single"),
-            lambda c: c["truth"][0].split()[0],
-        ),
-        _make_confusion_section(cases),
-        _make_parameters_section(cases),
-        _make_wrong_section(cases),
-    ]
+    single = select_kind(cases, "single")
+    parameters = [p for c in cases for p in c.get("covered", ())]
+    return {
+        "figures": figures,
+        "cases": cases,
+        "kinds": ", ".join(f"{n} {kind}" for kind, n in sorted(counts.items())),
+        "shown": _list_figures(figures),
+        "by_robot": _summarize_groups(cases, lambda c: c["robot"]),
+        "by_effect": _summarize_groups(single, lambda c: c["truth"][0].split()[0]),
+        "confusions": {
+            truth: (sum(n.values()), ", ".join(f"{k} {i}" for k, i in n.most_common()))
+            for truth, n in sorted(sealed.count_confusions(cases).items())
+        },
+        "parameters": {
+            name: (
+                format_hits(p["inside"] for p in some),
+                _format_figure(compute_median([p["error"] for p in some])),
+            )
+            for name, some in _group(parameters, lambda p: p["parameter"])
+        },
+        "wrong": [c for c in cases if not _went_well(c)],
+    }
 
 
-def _make_group_section(
-    title: str, cases: Sequence[Judged], label: Callable
-) -> Section:
-    header = ("", "exact", "class", "place", "false on null", "unlisted kept", "s")
-    groups: dict[str, list[Judged]] = defaultdict(list)
-    for case in cases:
-        groups[label(case)].append(case)
-    return Section(
-        title, "", header, [_summarize_group(k, v) for k, v in sorted(groups.items())]
-    )
+def _group(
+    some: Sequence[Judged], label: Callable[[Judged], str]
+) -> list[tuple[str, list[Judged]]]:
+    """Members by their label, in the order of labels."""
+    names = sorted({label(one) for one in some})
+    return [(name, [one for one in some if label(one) == name]) for name in names]
 
 
-def _summarize_group(name: str, cases: Sequence[Judged]) -> list[str]:
-    single, null, odd = (select_kind(cases, k) for k in ("single", "null", "unlisted"))
+def _summarize_groups(
+    cases: Sequence[Judged], label: Callable[[Judged], str]
+) -> dict[str, list[str]]:
+    return {name: _summarize_group(some) for name, some in _group(cases, label)}
 
-    def count(some: Sequence[Judged], key: str) -> str:
+
+def _summarize_group(cases: Sequence[Judged]) -> list[str]:
+    def count(kind: str, key: str) -> str:
+        some = select_kind(cases, kind)
         return f"{sum(bool(c[key]) for c in some)}/{len(some)}" if some else "-"
 
-    seconds = compute_median([c["run"].get("seconds") for c in cases])
     return [
-        name,
-        *(count(single, key) for key in ("exact", "class", "place")),
-        count(null, "false_name"),
-        count(odd, "no_wrong_name"),
-        _format_figure(seconds),
+        *(count("single", key) for key in ("exact", "class", "place")),
+        count("null", "false_name"),
+        count("unlisted", "no_wrong_name"),
+        _format_figure(compute_median([c["run"].get("seconds") for c in cases])),
     ]
-
-
-def _make_confusion_section(cases: Sequence[Judged]) -> Section:
-    rows = [
-        (truth, sum(row.values()), ", ".join(f"{k} {n}" for k, n in row.most_common()))
-        for truth, row in sorted(count_confusions(cases).items())
-    ]
-    text = "What was named first, or the verdict where nothing was named."
-    return Section("Confusions", text, ("truth", "n", "first"), rows)
-
-
-def _make_parameters_section(cases: Sequence[Judged]) -> Section:
-    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for case in cases:
-        for parameter in case.get("covered", ()):
-            groups[parameter["parameter"]].append(parameter)
-    rows = [
-        (
-            name,
-            format_share(sum(p["inside"] for p in some), len(some)),
-            _format_figure(_compute_median_error(some)),
-        )
-        for name, some in sorted(groups.items())
-    ]
-    text = "Of effects named exactly, at the right place. Error: |stated/true - 1|."
-    return Section("Parameters", text, ("parameter", "covered", "median error"), rows)
-
-
-def _compute_median_error(parameters: Sequence[dict[str, Any]]) -> float | None:
-    return compute_median([p["error"] for p in parameters])
-
-
-def _make_wrong_section(cases: Sequence[Judged]) -> Section:
-    header = ("case", "robot", "truth", "verdict", "found")
-    rows = [
-        (
-            c["case"],
-            c["robot"],
-            "; ".join(c["truth"]) or "(nothing missing)",
-            c["verdict"],
-            "; ".join(c["found"]) or "-",
-        )
-        for c in cases
-        if not _went_well(c)
-    ]
-    return Section("Cases that went wrong", "", header, rows)
 
 
 def _went_well(case: Judged) -> bool:
@@ -159,38 +109,27 @@ def _went_well(case: Judged) -> bool:
     return bool(case[flag[case["kind"]]]) != (case["kind"] == "null")
 
 
-# ---------------------------------------------------------------- drives
-
-
-METHOD = """\
-The hidden robots are stepped by code of the benchmark. Episodes that no diagnosis saw
-are predicted open loop in pieces of {across}, each from its true state, which is the
-same for all models. An error is the contract's: the RMSE over the standard deviation of
-the readings. `given` is the model as given, `plain` a fit of
-dry friction, viscous friction, rotor and one delay at every driven joint, `true` the
-hidden physics; without a diagnosis, `selfheal` is the model as given. An effect has to
-be named that removes a tenth of the squared error when added last to all others."""
-HEADER = ("case", "robot", "given", "plain", "selfheal", "true", "verdict", "named",
-          "false", "s")  # fmt: skip
-
-
-def make_drive_sections(cases: Sequence[Judged]) -> list[Section]:
-    """Sections of the page of drives: each kind's figures and its cases."""
-    across = ", ".join(HORIZONS)
-    sections = [Section("How it is measured", METHOD.format(across=across))]
-    for kind, figures in drives.compute_figures(cases).items():
-        text = (KINDS[kind].__doc__ or "").partition("\n")[0]
-        sections.append(Section(kind, text, *_list_figures(figures)))
-        text = f"Errors over pieces of {across}; (no): they contradict the verdict."
-        rows = [_list_case(case) for case in select_kind(cases, kind)]
-        sections.append(Section(f"Cases of {kind}", text, HEADER, rows))
-    return sections
+def tabulate_drives(cases: Sequence[Judged]) -> dict[str, object]:
+    """Tables of cases of drives, by kind."""
+    figures = drives.compute_figures(cases)
+    return {
+        "figures": figures,
+        "cases": cases,
+        "across": ", ".join(HORIZONS),
+        "tables": {
+            kind: {
+                "about": (KINDS[kind].__doc__ or "").partition("\n")[0],
+                "shown": _list_figures(of_kind),
+                "rows": [_list_case(case) for case in select_kind(cases, kind)],
+            }
+            for kind, of_kind in figures.items()
+        },
+    }
 
 
 def _list_case(case: Judged) -> list[str]:
-    errors = case["errors"]
     by_model = [
-        " ".join(f"{errors[model][name]:.2g}" for name in HORIZONS)
+        " ".join(f"{case['errors'][model][name]:.2g}" for name in HORIZONS)
         for model in ("given", "plain", "selfheal", "true")
     ]
     return [

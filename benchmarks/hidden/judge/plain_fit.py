@@ -77,8 +77,11 @@ def fit_drives(model: Any, recording: Recording) -> DriveFit:
 
     def apply(x: np.ndarray) -> DriveFit:
         values, changed = (x * scales)[:-1].reshape(3, -1), model.__copy__()
-        (changed.dof_frictionloss[dofs], changed.dof_damping[dofs],
-         changed.dof_armature[dofs]) = values  # fmt: skip
+        (
+            changed.dof_frictionloss[dofs],
+            changed.dof_damping[dofs],
+            changed.dof_armature[dofs],
+        ) = values
         # how firmly dry friction holds follows from the inertia with the rotors
         mujoco.mj_setConst(changed, mujoco.MjData(changed))
         return DriveFit(changed, values, float((x * scales)[-1]))
@@ -93,13 +96,22 @@ def fit_drives(model: Any, recording: Recording) -> DriveFit:
         steps = NUDGE * np.eye(len(x))
         return np.array([(measure(x + s) - now) / NUDGE for s in steps]).T
 
-    stated = [model.dof_frictionloss[dofs], model.dof_damping[dofs],
-              model.dof_armature[dofs], np.zeros(1)]  # fmt: skip
+    stated = [
+        model.dof_frictionloss[dofs],
+        model.dof_damping[dofs],
+        model.dof_armature[dofs],
+        np.zeros(1),
+    ]
     ends = np.full(len(scales), np.inf)
     ends[-1] = LONGEST_DELAY / scales[-1]
     start = np.maximum(np.concatenate(stated) / scales, 0.3)
     found = least_squares(
-        measure, start, slope, bounds=(np.zeros(len(scales)), ends),
-        ftol=ENOUGH, xtol=ENOUGH, max_nfev=30,
-    )  # fmt: skip
+        measure,
+        start,
+        slope,
+        bounds=(np.zeros(len(scales)), ends),
+        ftol=ENOUGH,
+        xtol=ENOUGH,
+        max_nfev=30,
+    )
     return apply(found.x)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from benchmarks.hidden.robots.robot import Rng, Robot
+from benchmarks.hidden.robots.robot import Rng, Robot, read_world
 
 STEP = 0.0005  # [s] of the hidden robot; chosen: a quarter of a model's usual one
 
@@ -37,6 +37,11 @@ class Link:
     home: float = 0.0
     slide: bool = False
 
+    def write_joint(self) -> str:
+        """MJCF of its joint."""
+        kind = ' type="slide"' if self.slide else ""
+        return f'<joint name="{self.joint}"{kind} axis="{self.axis}"/>'
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -62,74 +67,54 @@ class Chain:
 
     def write(self, actuators: str = "") -> str:
         """Its MJCF, with actuators."""
-        bodies = self._write_linkage() if self.linkage else self._write_links()
         turn = f' euler="0 {self.tilt:.6g} 0"' if self.tilt else ""
-        return (
-            f'<mujoco model="{self.name}">\n'
-            '  <compiler angle="radian"/>\n'
-            f'  <option timestep="{self.timestep:g}" '
-            f'integrator="{self.integrator}"/>\n'
-            '  <default><geom contype="0" conaffinity="0"/></default>\n'
-            f'  <worldbody>\n    <body name="base"{turn}>\n'
-            '      <geom name="base_shape" type="box" size=".02 .02 .02" mass=".1"/>\n'
-            f"{bodies}    </body>\n  </worldbody>\n{self._write_loop()}"
-            f"{actuators and f'  <actuator>{actuators}</actuator>'}\n"
-            "</mujoco>\n"
+        return read_world(
+            "base",
+            name=self.name,
+            timestep=self.timestep,
+            integrator=self.integrator,
+            turn=turn,
+            bodies=self._write_linkage() if self.linkage else self._write_links(),
+            loop=self._write_loop() if self.linkage else "",
+            actuators=actuators and f"  <actuator>{actuators}</actuator>",
         )
 
-    def _write_joint(self, link: Link) -> str:
-        kind = ' type="slide"' if link.slide else ""
-        return f'<joint name="{link.joint}"{kind} axis="{link.axis}"/>'
-
     def _write_links(self) -> str:
-        body = ""
-        for link in self.links:
-            body += (
-                f'      <body name="b_{link.joint}" pos="{_join(link.at)}">\n'
-                f"        {self._write_joint(link)}\n"
-                f'        <geom name="{link.joint}_shape" type="capsule" '
-                f'fromto="0 0 0 {_join(link.to)}" '
-                f'size="{link.radius:.6g}" mass="{link.mass:.8g}"/>\n'
+        body = "".join(
+            read_world(
+                "link",
+                joint=link.joint,
+                written=link.write_joint(),
+                at=_join(link.at),
+                to=_join(link.to),
+                radius=link.radius,
+                mass=link.mass,
             )
+            for link in self.links
+        )
         return body + "      " + "</body>" * len(self.links) + "\n"
 
     def _write_linkage(self) -> str:
         """A leg whose knee is moved by a crank at the hip, through a rod."""
         thigh, crank = self.links
-        long, arm, mass = -thigh.to[2], crank.to[0], thigh.mass
-
-        def bar(to: str, size: float, share: float) -> str:
-            return (
-                f'<geom type="capsule" fromto="{to}" size="{size * thigh.radius:.6g}" '
-                f'mass="{share * mass:.8g}"/>'
-            )
-
-        return f"""      <body name="b_{thigh.joint}">
-        {self._write_joint(thigh)}
-        {bar(f"0 0 0 0 0 {-long:.6g}", 1.0, 1.0)}
-        <body name="b_{crank.joint}" pos="0 {0.1 * long:.6g} 0">
-          {self._write_joint(crank)}
-          {bar(f"0 0 0 {arm:.6g} 0 0", 0.4, crank.mass / mass)}
-          <body name="rod" pos="{arm:.6g} 0 0">
-            <joint name="rod" axis="0 1 0"/>
-            {bar(f"0 0 0 0 0 {-long:.6g}", 0.3, 0.08)}
-          </body>
-        </body>
-        <body name="shank" pos="0 0 {-long:.6g}">
-          <joint name="knee" axis="0 1 0"/>
-          {bar(f"0 0 0 0 0 {-long:.6g}", 0.8, 0.4)}
-        </body>
-      </body>
-"""
+        long, arm, size, mass = -thigh.to[2], crank.to[0], thigh.radius, thigh.mass
+        return read_world(
+            "linkage",
+            thigh=thigh.joint,
+            crank=crank.joint,
+            hip=thigh.write_joint(),
+            turn=crank.write_joint(),
+            end=-long,
+            side=0.1 * long,
+            arm=arm,
+            sizes=[1.0 * size, 0.4 * size, 0.3 * size, 0.8 * size],
+            masses=[1.0 * mass, crank.mass / mass * mass, 0.08 * mass, 0.4 * mass],
+        )
 
     def _write_loop(self) -> str:
-        if not self.linkage:
-            return ""
-        anchor = f"0 0 {self.links[0].to[2]:.6g}"
-        return f"""  <equality>
-    <connect body1="rod" body2="shank" anchor="{anchor}" solref=".004 1"/>
-  </equality>
-"""
+        anchor = f'anchor="0 0 {self.links[0].to[2]:.6g}" solref=".004 1"'
+        connect = f'<connect body1="rod" body2="shank" {anchor}/>'
+        return f"  <equality>\n    {connect}\n  </equality>\n"
 
     def add_drives(self, rng: Rng, style: str) -> Robot:
         """The robot with servo gains and torque limits that fit its size.
@@ -225,27 +210,20 @@ def _make_links(
 
 def _make_scara(rng: Rng, size: float, heavy: float) -> list[Link]:
     first, second = size * rng.uniform(0.8, 1.2, 2)
-    drop = 0.4 * size
-    return [
-        Link("shoulder", "0 0 1", (0, 0, 0), (first, 0, 0), 0.1 * size, heavy, 0.9),
-        Link("elbow", "0 0 1", (first, 0, 0), (second, 0, 0), 0.08 * size,
-             0.6 * heavy, 0.9, 0.4),
-        Link("lift", "0 0 1", (second, 0, 0), (0, 0, -drop), 0.04 * size,
-             0.25 * heavy, 0.2 * size, 0.0, slide=True),
-        Link("roll", "0 0 1", (0, 0, -drop), (0.1 * size, 0, -0.1 * size),
-             0.04 * size, 0.12 * heavy, 1.2),
-    ]  # fmt: skip
+    drop, links, before = 0.4 * size, list[Link](), (0.0, 0.0, 0.0)
+    ends = (first, 0, 0), (second, 0, 0), (0, 0, -drop), (0.1 * size, 0, -0.1 * size)
+    names = ("shoulder", "elbow", "lift", "roll")
+    thickness, masses = (0.1, 0.08, 0.04, 0.04), (1.0, 0.6, 0.25, 0.12)
+    motions = (0.9, 0.0), (0.9, 0.4), (0.2 * size, 0.0), (1.2, 0.0)  # swing, home
+    for i, (name, to, motion) in enumerate(zip(names, ends, motions, strict=True)):
+        shape = AXES["z"], before, to, thickness[i] * size, masses[i] * heavy
+        links.append(Link(name, *shape, *motion, slide=name == "lift"))
+        before = to
+    return links
 
 
-AXES = {
-    1: ["0 1 0"],
-    2: ["0 1 0", "0 1 0"],
-    3: ["1 0 0", "0 1 0", "0 1 0"],
-    4: ["0 0 1", "0 1 0", "0 1 0", "1 0 0"],
-    5: ["0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1"],
-    6: ["0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1"],
-    7: ["0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1"],
-}
+AXES = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
+TURNS = ("y", "yy", "xyy", "zyyx", "zyyyz", "zyyzyz", "zyzyzyz")  # of 1 to 7 joints
 SORTS = {1: "pendulum", 2: "double_pendulum", 3: "leg", 4: "scara"}
 NAMES = {3: ["hip_roll", "hip_pitch", "knee"]}
 # length [m] and mass [kg] of a first link, rate [Hz] of its motions: bus servos, legs,
@@ -268,7 +246,8 @@ def draw_chain(rng: Rng, count: int, style: str) -> Robot:
     else:
         name = "arm4" if name == "scara" else name
         names = NAMES.get(count, [f"j{i + 1}" for i in range(count)])
-        links = _make_links(rng, AXES[count], size, heavy, names)
+        axes = [AXES[axis] for axis in TURNS[count - 1]]
+        links = _make_links(rng, axes, size, heavy, names)
     if style == "servo":
         style = ("position", "general")[rng.integers(2)]
     chain = Chain(
@@ -287,8 +266,8 @@ def draw_linkage(rng: Rng) -> Robot:
     long, mass = rng.uniform(0.2, 0.35), rng.uniform(0.8, 2.5)
     arm = rng.uniform(0.18, 0.3) * long
     thigh = Link("hip", "0 1 0", (0, 0, 0), (0, 0, -long), 0.08 * long, mass, 0.5, 0.2)
-    crank = Link("crank", "0 1 0", (0, 0, 0), (arm, 0, 0), 0.03 * long, 0.07 * mass,
-                 0.5)  # fmt: skip
+    sizes = 0.03 * long, 0.07 * mass, 0.5
+    crank = Link("crank", "0 1 0", (0, 0, 0), (arm, 0, 0), *sizes)
     rate, step = rng.uniform(0.5, 1.0), float(rng.choice([0.001, 0.002]))
     chain = Chain("linkage", (thigh, crank), rate, step, "implicitfast", linkage=True)
     return chain.add_drives(rng, "position")

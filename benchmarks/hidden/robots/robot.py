@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -131,26 +132,36 @@ class NumberDraw:
     zero: frozenset[str] = frozenset()
     density: float = 0.0
 
-    def draw_about(self, value: float) -> float:
-        """A number within 25 % of `value`, as a user would write it."""
-        return float(f"{value * self.rng.uniform(0.75, 1.25):.3g}")
+    def draw_about(self, *values: float) -> list[float]:
+        """Numbers within 25 % of others, as a user would write them."""
+        return [float(f"{v * self.rng.uniform(0.75, 1.25):.3g}") for v in values]
 
-    def write_joint(
-        self, name: str, damping: float, armature: float, friction: float
-    ) -> str:
-        """The attributes of a joint."""
-        values = {"damping": damping, "armature": armature, "frictionloss": friction}
+    def write_joint(self, name: str, *values: float) -> str:
+        """The attributes of a joint: damping, armature and dry friction, drawn."""
         texts = [f'name="{name}"']
-        for key, value in values.items():
-            drawn = self.draw_about(value)
-            zero = f"{key}:{name}" in self.zero or value == 0
-            texts += [] if zero else [f'{key}="{drawn:.4g}"']
+        keys = ("damping", "armature", "frictionloss")
+        for key, value, drawn in zip(
+            keys, values, self.draw_about(*values), strict=True
+        ):
+            if value and f"{key}:{name}" not in self.zero:
+                texts.append(f'{key}="{drawn:.4g}"')
         return " ".join(texts)
 
-    def write_servo(self, name: str, joint: str, kp: float, kv: float) -> str:
-        """A position servo."""
-        kp, kv = self.draw_about(kp), self.draw_about(kv)
-        return f'<position name="{name}" joint="{joint}" kp="{kp}" kv="{kv}"/>'
+    def write_joints(self, *joints: tuple[float, float, float]) -> list[str]:
+        """The attributes of j1, j2 and so on."""
+        return [
+            self.write_joint(f"j{i}", *values) for i, values in enumerate(joints, 1)
+        ]
+
+    def write_servos(self, *gains: tuple[float, float]) -> str:
+        """Position servos of j1, j2 and so on, with drawn gains."""
+        drawn = [self.draw_about(*each) for each in gains]
+        return write_actuators(
+            [
+                f'<position name="m{i}" joint="j{i}" kp="{kp}" kv="{kv}"/>'
+                for i, (kp, kv) in enumerate(drawn, 1)
+            ]
+        )
 
     def draw_flag(self, chance: float) -> bool:
         """True with a chance."""
@@ -176,6 +187,12 @@ class NumberDraw:
 {rest.rstrip()}
 </mujoco>
 """
+
+
+def read_world(shape: str, **values: object) -> str:
+    """MJCF of the folder `drawn`, or a part of it, with values put in."""
+    file = Path(__file__).parent / "drawn" / f"{shape}.xml"
+    return file.read_text().format(**values)
 
 
 def write_link(length: float, mass: float, radius: float = 0.012) -> str:

@@ -4,6 +4,7 @@ They and their motions are of another style than those that are drawn: they were
 without looking at the program that diagnoses them.
 """
 
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,12 +59,15 @@ def command_sines(
 
 
 def _follow_sines(
-    columns: int, slow: float, fast: float, sizes: tuple[float, float], push
+    columns: int,
+    rates: tuple[float, float],
+    sizes: tuple[float, float],
+    push: Callable[[np.ndarray, Any], np.ndarray],
 ) -> Motion:
     """A motion in which a feedback follows two sines, from (goal, data) to commands."""
 
     def motion(rng: Rng, robot: Robot) -> Control:
-        f, p = _draw_waves(rng, 2, columns, slow, fast)
+        f, p = _draw_waves(rng, 2, columns, *rates)
 
         def command(t: float, data: Any) -> np.ndarray:
             goal = sizes[0] * np.sin(TURN * f[0] * t + p[0])
@@ -167,10 +171,6 @@ def _push_cart(rng: Rng, robot: Robot) -> Control:
     return command
 
 
-def _command_nothing(rng: Rng, robot: Robot) -> Control:
-    return lambda t, data: np.zeros(0)
-
-
 def _throw_ball(qpos: np.ndarray, qvel: np.ndarray, rng: Rng) -> None:
     """From a hand: upwards, to some side, spinning."""
     qpos[:3] = [0, 0, 1.2]
@@ -179,6 +179,22 @@ def _throw_ball(qpos: np.ndarray, qvel: np.ndarray, rng: Rng) -> None:
 
 
 # ---------------------------------------------------------------- robots
+
+
+MOTIONS: Mapping[str, Motion] = {
+    "crane": _follow_sines(2, (0.1, 0.6), (0.3, 0.15), _push_crane),
+    "arm": _follow_sines(4, (0.15, 0.7), (0.5, 0.25), _push_arm),
+    "lift": _follow_sines(1, (0.1, 0.5), (0.4, 0.2), _push_lift),
+    "hops": _command_hops,
+    "drone": _fly_drone,
+    "cart": _push_cart,
+    "none": lambda rng, robot: lambda t, data: np.zeros(0),
+}
+STARTS: Mapping[str, Start] = {
+    "arm": _start_arm,
+    "crouch": _start_hopper,
+    "throw": _throw_ball,
+}
 
 
 @dataclass(frozen=True)
@@ -215,108 +231,23 @@ class WrittenRobot:
         return replace(robot, fine=self.fine or step / 5)
 
 
-def measure_angle(joint: str, noise: float, step: float = 0.0) -> Sensor:
-    """A sensor of a hinge's position, with noise and encoder step [rad]."""
-    return Sensor("joint_position", joint, "rad", noise, step)
+def _read_robot(
+    signals: Mapping[str, Sequence[Any]],
+    motion: str = "",
+    start: str = "",
+    sines: Mapping[str, Any] | None = None,
+    **more: Any,
+) -> WrittenRobot:
+    """A robot of a table of robots.toml."""
+    return WrittenRobot(
+        signals={name: Sensor(*row) for name, row in signals.items()},
+        motion=command_sines(**sines) if sines else MOTIONS[motion],
+        start=STARTS[start] if start else None,
+        **more,
+    )
 
 
-def _measure_angles(noise: float, **joints: str) -> dict[str, Sensor]:
-    return {name: measure_angle(joint, noise) for name, joint in joints.items()}
-
-
-def measure_slide(joint: str, noise: float) -> Sensor:
-    """A sensor of a slide's position, with noise [m]."""
-    return Sensor("joint_position", joint, "m", noise)
-
-
-def _measure_speed(joint: str, noise: float) -> Sensor:
-    return Sensor("joint_velocity", joint, "rad/s", noise)
-
-
-def _see_body(body: str, place: float, turn: float) -> dict[str, Sensor]:
-    """A camera's two signals of a body, with noise [m] and [rad]."""
-    return {
-        "pos": Sensor("body_position", body, "m", place),
-        "ori": Sensor("body_orientation", body, "quaternion", turn),
-    }
-
-
-_ARM = ("yaw", "shoulder", "elbow", "wrist")
-_LEGS = ("pitch", "f_hip", "f_knee", "b_hip", "b_knee")
-_FURUTA = _measure_angles(5e-4, enc="turn")
-_IMU = {
-    "swing": measure_angle("swing", 1.5e-3),
-    "imu": Sensor("sensor", "imu", "rad/s", 5e-3),
-}
-# fmt: off
 WRITTEN: Mapping[str, WrittenRobot] = {
-    "gantry": WrittenRobot(
-        "gantry",
-        {"px": measure_slide("x", 2e-4), "py": measure_slide("y", 2e-4),
-         **_measure_angles(1e-3, sx="swing_x", sy="swing_y")},
-        _follow_sines(2, 0.1, 0.6, (0.3, 0.15), _push_crane), 8, 8, 200, piece=0.5),
-    "geared_arm": WrittenRobot(
-        "geared_arm",
-        {f"q_{j}": measure_angle(j, 3e-4) for j in _ARM}
-        | {f"dq_{j}": _measure_speed(j, 1e-2) for j in _ARM},
-        _follow_sines(4, 0.15, 0.7, (0.5, 0.25), _push_arm), 10, 6, 250,
-        start=_start_arm, piece=0.5),
-    # a stick that whirls does so at another moment
-    "furuta": WrittenRobot(
-        "furuta", {**_FURUTA, "stick": measure_angle("swing", 1.5e-3)},
-        command_sines(4.0, 0.3, 1.5), 6, 8, 100, piece=2.0),
-    "furuta_imu": WrittenRobot(
-        "furuta", {**_FURUTA, **_IMU}, command_sines(4.0, 0.3, 1.5), 6, 8, 100,
-        piece=2.0),
-    "hopper": WrittenRobot(
-        "hopper",
-        {j: measure_slide(j, 5e-4) for j in ("rx", "rz")}
-        | {j: measure_angle(j, 5e-4) for j in _LEGS},
-        _command_hops, 4, 8, 200, start=_start_hopper, fine=0.00025, piece=1.0),
-    "rover": WrittenRobot(
-        "rover",
-        _measure_angles(1e-3, left="left", right="right")
-        | _see_body("chassis", 1e-3, 2e-3),
-        command_sines(8.0, 0.1, 0.6), 6, 8, 100, fine=0.0005, piece=1.0),
-    "scara": WrittenRobot(
-        "scara",
-        {"q1": measure_angle("q1", 2e-4), "q2": measure_angle("q2", 2e-4),
-         "z": measure_slide("z", 5e-5), "r": measure_angle("r", 1e-3)},
-        command_sines([0.8, 0.8, 0.05, 1.5], 0.1, 0.8, 0.2), 8, 6, 100),
-    "drone": WrittenRobot(
-        "drone", _see_body("drone", 1e-3, 2e-3), _fly_drone, 8, 6, 120, piece=0.5),
-    "belt_pendulum": WrittenRobot(
-        "belt_pendulum", _measure_angles(1e-3, angle="hinge"),
-        command_sines(1.0, 0.1, 0.8), 20, 3, 50),
-    "coarse_pendulum": WrittenRobot(
-        "belt_pendulum", {"angle": measure_angle("hinge", 0.0, step=0.0015)},
-        command_sines(1.0, 0.1, 0.8), 60, 1, 50),
-    "tacho_pendulum": WrittenRobot(
-        "belt_pendulum",
-        {"angle": measure_angle("hinge", 1e-3),
-         "speed": _measure_speed("hinge", 2e-2)},
-        command_sines(1.0, 0.3, 2.5), 10, 6, 100),
-    "planar_arm": WrittenRobot(
-        "planar_arm", {f"p{j}": measure_angle(j, 2e-4) for j in "abc"},
-        command_sines(0.8), 8, 6, 250, fine=0.00025),
-    "elevator": WrittenRobot(
-        "elevator", {"h": measure_slide("z", 5e-4)},
-        _follow_sines(1, 0.1, 0.5, (0.4, 0.2), _push_lift), 10, 5, 100, piece=0.5),
-    "sled": WrittenRobot(
-        "sled", _see_body("sled", 1e-3, 2e-3), command_sines(5.0, 0.1, 0.6), 8, 6, 100,
-        fine=0.0005, piece=1.0),
-    "ball": WrittenRobot(
-        "ball", _see_body("ball", 1e-3, 4e-3), _command_nothing, 0.8, 20, 240,
-        start=_throw_ball, fine=0.0005),
-    "cartpole": WrittenRobot(
-        "cartpole",
-        {"rail_enc": Sensor("sensor", "rail_enc", "m", 3e-4),
-         "pole_enc": Sensor("sensor", "pole_enc", "rad", 1e-3),
-         "tacho": Sensor("sensor", "tacho", "m/s", 1e-2)},
-        _push_cart, 8, 6, 125, piece=0.5),
-    "cartpole_encoders": WrittenRobot(
-        "cartpole",
-        {"rail": measure_slide("rail", 3e-4), "pole": measure_angle("hinge", 1e-3)},
-        _push_cart, 8, 6, 125, piece=0.5),
+    name: _read_robot(**table)
+    for name, table in tomllib.loads((FOLDER / "robots.toml").read_text()).items()
 }
-# fmt: on
