@@ -179,7 +179,7 @@ def _summarize_hours(run: HealRun, robot: str) -> Document:
     # the first walk is a whole robot's
     whole = walks[0][2] / walks[0][1] * (start + seconds)
     distance = sum(length for _, _, length in walks)
-    events = _list_events(run, start + seconds)
+    events = list_events(run, start + seconds)
     return {
         "format": "selfheal-heal-hours",
         "version": 1,
@@ -246,7 +246,7 @@ def _share_first(run: HealRun, end: float) -> float:
     return float(np.diff([*times, end]) @ speeds / (end * speeds[0]))
 
 
-def _list_events(run: HealRun, end: float) -> list[Document]:
+def list_events(run: HealRun, end: float) -> list[Document]:
     """The damages until an end [s] and all alarms, in order; see `HoursEvent`.
 
     An alarm is for the last damage before it, or false if an earlier one was.

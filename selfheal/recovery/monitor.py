@@ -11,6 +11,7 @@ most once in exp(h) windows, which sets h from the stated rate of false alarms.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -104,7 +105,7 @@ def compute_window_means(
         (W, C) means.
     """
     edges = _find_window_edges(len(sensed), cycle)
-    rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
+    rows = [sensed[a:b].mean(axis=0) for a, b in pairwise(edges)]
     out = np.array(rows).reshape(len(rows), len(names))
     place = sensed[np.maximum(edges - 1, 0), -2:]
     way = np.linalg.norm(np.diff(place, axis=0), axis=1)
@@ -128,9 +129,8 @@ def learn_baseline(
         predicted: (S, C) channels of a walk of several cycles.
         cycle: [s].
     """
-    gap = _compute_residuals(sensed, predicted, cycle, channels)[
-        _count_skipped_windows(cycle) :
-    ]
+    skip = _count_skipped_windows(cycle)
+    gap = _compute_residuals(sensed, predicted, cycle, channels)[skip:]
     full = len(gap) // QUARTERS * QUARTERS
     folded = gap[:full].reshape(-1, QUARTERS, gap.shape[1])
     mean = folded.mean(axis=0)
@@ -144,17 +144,14 @@ def learn_baseline(
     apart = (folded - mean) * (n / max(1, n - 1)) / spread
     misfit = -compute_log_t(apart).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
-    calm = _find_still_windows(sensed, cycle)[_count_skipped_windows(cycle) :][
-        :full
-    ].reshape(folded.shape)
+    calm = _find_still_windows(sensed, cycle)[skip:][:full].reshape(folded.shape)
     return Baseline(mean, spread, calm.sum(axis=0), n, common, cycle)
 
 
 def _find_still_windows(sensed: Floats, cycle: float) -> np.ndarray:
     """(W, C) whether a channel has one and the same value in a window."""
     edges = _find_window_edges(len(sensed), cycle)
-    pairs = zip(edges, edges[1:], strict=False)
-    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
+    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairwise(edges)])
 
 
 def _score_stillness(still: np.ndarray, known: Baseline) -> Floats:

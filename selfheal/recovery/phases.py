@@ -285,11 +285,11 @@ class HealPhases:
         for b in likely:
             plants += [apply_damages(plant, read_damage(b)) for plant in self.plants]
             weights += [b["probability"] * weight for weight in self.weights]
-        gait = self._try_gaits("healed", LikelyPlants(plants, weights), old)
+        gait = self.try_gaits("healed", LikelyPlants(plants, weights), old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
+    def try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
         """Of new gaits and the old one that which gets the broken robot farthest."""
         task = replace(self.task, seed=self.task.seed + 1)
         report = partial(self.progress, name)
@@ -329,7 +329,7 @@ class HealPhases:
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self._try_gaits(
+        gait = self.try_gaits(
             "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
         )
         walk = self._walk_damaged(gait, 202)
