@@ -223,10 +223,9 @@ def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
 
 def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
     """Since when [s] the first gait has which speed [m/min], of a walk each alarm."""
+    ended = [heal.phases for heal in run.heals if "first" in heal.phases]
     walked = [(0.0, run.heals[0].phases["whole"])]
-    for heal in run.heals:
-        if "first" in heal.phases:
-            walked.append((heal.phases["alarm"]["alarm"]["time"], heal.phases["first"]))
+    walked += [(phases["alarm"]["alarm"]["time"], phases["first"]) for phases in ended]
     return [
         (since, _PER_MINUTE * _measure_distance(walk, run.settings.heading, ROWS))
         for since, walk in walked
@@ -277,10 +276,13 @@ def _describe_event(
     true = strike.damage if strike else INTACT
     event: Document = {
         "time": strike.time if strike else 0.0,
-        "damage": true.document if strike else None, "alarm": None, "delay": None,
-        "believed": None, "right": False, "actions": 0, "before": before,
-        "damaged": None, "healed": None, "first": None,
-    }  # fmt: skip
+        "damage": true.document if strike else None,
+        **dict.fromkeys(("alarm", "delay", "believed")),
+        "right": False,
+        "actions": 0,
+        "before": before,
+        **dict.fromkeys(("damaged", "healed", "first")),
+    }
     if heal is None:
         return event
     alarm, best = heal.phases["alarm"]["alarm"], heal.phases["verdict"]["believed"][0]

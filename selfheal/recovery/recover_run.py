@@ -173,6 +173,11 @@ class RecoverRun(PhasedRun):
         return [p for name, p in self.phases.items() if name.startswith("estimate")]
 
     @property
+    def last(self) -> Phase:
+        """The phase that ended last."""
+        return list(self.phases.values())[-1]
+
+    @property
     def unlisted(self) -> bool:
         """Whether no listed damage explains what the robot sensed."""
         return bool(self.estimates) and self.estimates[-1].get("unlisted", False)
