@@ -8,7 +8,8 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, make_dataclass, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -32,17 +33,6 @@ def ignore_progress(phase: str, what: str, share: float) -> None:
 
 
 @dataclass(frozen=True)
-class Timed:
-    """What every phase tells.
-
-    Attributes:
-        seconds: that it took [s].
-    """
-
-    seconds: Number
-
-
-@dataclass(frozen=True)
 class KeptDamage(Damage):
     """A damage as a phase keeps it; one that makes no sense is refused."""
 
@@ -61,8 +51,25 @@ class PhaseSchema:
         arrays: each dataset by its name.
     """
 
-    document: type[Timed]
-    arrays: Mapping[str, ArraySchema] = field(default_factory=dict)
+    document: type
+    arrays: Mapping[str, ArraySchema]
+
+
+def declare_phase(
+    optional: Mapping[str, object] = MappingProxyType({}), /, **members: object
+) -> PhaseSchema:
+    """The schema of a phase, of the types of its values and the schemas of its arrays.
+
+    Args:
+        optional: types of values that may be missing.
+    """
+    arrays = {k: v for k, v in members.items() if isinstance(v, ArraySchema)}
+    fields: list[tuple[str, object] | tuple[str, object, object]] = [
+        *((name, kind) for name, kind in members.items() if name not in arrays),
+        ("seconds", Number),
+        *((name, kind, field(default=None)) for name, kind in optional.items()),
+    ]
+    return PhaseSchema(make_dataclass("Phase", fields, kw_only=True), arrays)
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Heals as records: what was asked, the phases so far, the gaits in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,7 +11,14 @@ from ..damage.apply import Strike
 from ..damage.kinds import Damage
 from ..gait.synthesis import Gait
 from ..schema import ArraySchema, Count, Finite, Number, Probability
-from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import (
+    Document,
+    KeptDamage,
+    Phase,
+    PhasedRun,
+    PhaseSchema,
+    declare_phase,
+)
 
 
 @dataclass(frozen=True)
@@ -191,53 +198,6 @@ class HoursResult:
     seconds: Number
 
 
-@dataclass(frozen=True)
-class _MadeGait(Timed):
-    gait: KeptGait
-
-
-@dataclass(frozen=True)
-class _HealedGait(_MadeGait):
-    kept: bool
-
-
-@dataclass(frozen=True)
-class _IntactWalk(Timed):
-    distance: Number
-
-
-@dataclass(frozen=True)
-class _Alarm(Timed):
-    alarm: KeptAlarm | None
-    threshold: Annotated[float, Field(gt=0, le=1e6)]
-    ways: list[Number] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Action(Timed):
-    probe: Count
-    why: str
-    expected: Number
-    believed: Beliefs
-
-
-@dataclass(frozen=True)
-class _Verdict(Timed):
-    believed: Beliefs
-
-
-@dataclass(frozen=True)
-class _BothWalks(Timed):
-    damaged: Number
-    healed: Number
-
-
-@dataclass(frozen=True)
-class _InformedWalk(Timed):
-    distance: Number | None
-    gait: KeptGait | None = None
-
-
 def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
     """What is kept of a walk of so many rows; see `HealPhases._extract_path`."""
     return {
@@ -247,33 +207,41 @@ def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
     }
 
 
-_FELT = ArraySchema(("whole rows", "C"), has_gaps=True)
 _FIRST, _LAST = ("gait", "whole", "alarm"), ("healed", "walked", "known")
 _ROUND = " of "  # between a phase's name and the number of its heal, in hours of them
 # P joints, C channels; a walk has as many rows as samples
 _SCHEMAS = {
-    "gait": PhaseSchema(_MadeGait),
-    "whole": PhaseSchema(
-        _IntactWalk,
-        {**_list_path_arrays("whole rows"), "felt": _FELT},
+    "gait": declare_phase(gait=KeptGait),
+    "whole": declare_phase(
+        distance=Number,
+        felt=ArraySchema(("whole rows", "C"), has_gaps=True),
+        **_list_path_arrays("whole rows"),
     ),
-    "alarm": PhaseSchema(
-        _Alarm,
-        {
-            "angles": ArraySchema(("P",), has_gaps=True),
-            "time": ArraySchema(("windows",)),
-            "sums": ArraySchema(("windows", "sums"), has_gaps=True),
-        },
+    "alarm": declare_phase(
+        {"ways": list[Number]},
+        alarm=KeptAlarm | None,
+        threshold=Annotated[float, Field(gt=0, le=1e6)],
+        angles=ArraySchema(("P",), has_gaps=True),
+        time=ArraySchema(("windows",)),
+        sums=ArraySchema(("windows", "sums"), has_gaps=True),
     ),
-    "ask": PhaseSchema(_Action, {"values": ArraySchema((None,), has_gaps=True)}),
-    "verdict": PhaseSchema(_Verdict),
-    "healed": PhaseSchema(_HealedGait),
-    "walked": PhaseSchema(
-        _BothWalks,
-        _list_path_arrays("rows", "damaged_") | _list_path_arrays("rows", "healed_"),
+    "ask": declare_phase(
+        probe=Count,
+        why=str,
+        expected=Number,
+        believed=Beliefs,
+        values=ArraySchema((None,), has_gaps=True),
     ),
-    "known": PhaseSchema(_InformedWalk),
-    "first": PhaseSchema(_IntactWalk, _list_path_arrays("rows")),
+    "verdict": declare_phase(believed=Beliefs),
+    "healed": declare_phase(gait=KeptGait, kept=bool),
+    "walked": declare_phase(
+        damaged=Number,
+        healed=Number,
+        **_list_path_arrays("rows", "damaged_"),
+        **_list_path_arrays("rows", "healed_"),
+    ),
+    "known": declare_phase({"gait": KeptGait | None}, distance=Number | None),
+    "first": declare_phase(distance=Number, **_list_path_arrays("rows")),
 }
 
 

@@ -1,7 +1,7 @@
 """Recoveries as records: what was asked, the phases so far, the hypotheses in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -16,7 +16,14 @@ from ..robot.scenarios import SCENARIOS
 from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
 from .estimate import ESTIMATED_KINDS, GENES, VALUES, Hypothesis, Trial
 from .explain import HypothesisPosterior
-from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import (
+    Document,
+    KeptDamage,
+    Phase,
+    PhasedRun,
+    PhaseSchema,
+    declare_phase,
+)
 from .record import Distances
 
 METHODS = {
@@ -81,77 +88,46 @@ class RecoverResult:
     seconds: Number
 
 
-@dataclass(frozen=True)
-class _Rollout(Timed):
-    way: Number
-
-
-@dataclass(frozen=True)
-class _Search(Timed):
-    asked: Count
-
-
-@dataclass(frozen=True)
-class _SearchAndRollout(_Rollout):
-    asked: Count
-
-
-@dataclass(frozen=True)
-class _Estimate(Timed):
-    believed: Annotated[list[tuple[KeptDamage, ...]], Field(min_length=1)]
-    probability: list[Probability]
-
-
-@dataclass(frozen=True)
-class _CheckedEstimate(_Estimate):
-    unlisted: bool
-
-
-@dataclass(frozen=True)
-class _CheckedTrial(_Rollout):
-    refuted: bool
-
-
-@dataclass(frozen=True)
-class _Controller(_Search):
-    why: str
-    predicted: Number
-
-
 # W weights of a controller, S sensors, T samples of a run, D motors, K controllers
 _SEARCH = {
+    "asked": Count,
     "pool": ArraySchema(("K", "W")),
     "best": ArraySchema(("generations",), has_gaps=True),
     "weights": ArraySchema(("W",)),
 }
 _ROLLOUT = {
+    "way": Number,
     "sensed": ArraySchema(("T", "S"), has_gaps=True),
     "path": ArraySchema(("T", 3), has_gaps=True),
 }
-_SCHEMAS = {
-    "original": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
-    "failure": PhaseSchema(_Rollout, _ROLLOUT),
-    "estimate": PhaseSchema(
-        _Estimate,
-        {
-            "genome": ArraySchema((GENES * VALUES,), low=-1.0, high=1.0),
-            "best": ArraySchema(("generations",), has_gaps=True),
-        },
-    ),
-    "explore": PhaseSchema(_Controller, _SEARCH),
-    "trial": PhaseSchema(_Rollout, _ROLLOUT),
-    "hardware": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
+_ESTIMATE = {
+    "believed": Annotated[list[tuple[KeptDamage, ...]], Field(min_length=1)],
+    "probability": list[Probability],
 }
-_FACTORS = ArraySchema(("trims", "factors"), low=0.0, high=1e6)
+_SCHEMAS = {
+    "original": declare_phase(**_SEARCH, **_ROLLOUT),
+    "failure": declare_phase(**_ROLLOUT),
+    "estimate": declare_phase(
+        **_ESTIMATE,
+        genome=ArraySchema((GENES * VALUES,), low=-1.0, high=1.0),
+        best=ArraySchema(("generations",), has_gaps=True),
+    ),
+    "explore": declare_phase(**_SEARCH, why=str, predicted=Number),
+    "trial": declare_phase(**_ROLLOUT),
+    "hardware": declare_phase(**_SEARCH, **_ROLLOUT),
+}
 _OURS = {
-    "original": replace(
-        _SCHEMAS["original"],
-        arrays={**_SCHEMAS["original"].arrays, "trims": _FACTORS},
+    "original": declare_phase(
+        **_SEARCH,
+        **_ROLLOUT,
+        trims=ArraySchema(("trims", "factors"), low=0.0, high=1e6),
     ),
-    "estimate": PhaseSchema(
-        _CheckedEstimate, {"scale": ArraySchema(("compared", "S"), low=1e-9, high=1e6)}
+    "estimate": declare_phase(
+        **_ESTIMATE,
+        unlisted=bool,
+        scale=ArraySchema(("compared", "S"), low=1e-9, high=1e6),
     ),
-    "trial": PhaseSchema(_CheckedTrial, _ROLLOUT),
+    "trial": declare_phase(**_ROLLOUT, refuted=bool),
 }
 
 
