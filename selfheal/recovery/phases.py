@@ -33,7 +33,7 @@ from .phased_run import Document, Phase, Progress
 from .plausible_plants import find_plausible_plants
 from .probes import list_probes
 from .record import HealRun, HealSettings, read_gait, serialize_gait
-from .reidentify import DamagePosterior, TakenAction
+from .reidentify import DamagePosterior
 
 LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
@@ -234,9 +234,7 @@ class HealPhases:
             known = find_plausible_plants(self.plants[0], walk, whole, rng)
             self.posterior = DamagePosterior(self.plants[0], actions, guesses, known)
             for taken in run.actions:
-                self.posterior.record_action(
-                    TakenAction(taken["probe"], taken["why"], taken["values"])
-                )
+                self.posterior.record_values(taken["probe"], taken["values"])
         return self.posterior
 
     def _take_action(self, doubt: DamagePosterior) -> Phase | None:
@@ -252,12 +250,12 @@ class HealPhases:
         self.progress("ask", action.description, (k + 1) / (k + 3))
         trial = self.past.trials + 100 + k
         walked = self.robots.damaged.move(action.commands, trial=trial)
-        doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
+        doubt.observe(probe, read_channels(walked, self.anatomy)[1])
         return {
             "probe": probe,
             "why": action.description,
             "expected": left,
-            "values": doubt.taken[-1].measured,
+            "values": doubt.taken[probe],
             "believed": _list_beliefs(doubt),
         }
 
