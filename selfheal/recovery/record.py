@@ -124,12 +124,9 @@ class HealResult:
     """What `heal --json` prints, as the schema of a heal's result.
 
     Attributes:
-        robot: its name.
         alarm: None where none was raised.
         actions: how many were taken after it.
-        distance: walked [m].
-        predicted: of the gaits [m].
-        seconds: that it took [s].
+        predicted: distances of the gaits [m].
     """
 
     robot: str
@@ -176,15 +173,12 @@ class HoursResult:
     """What `heal --hours --json` prints, as the schema of such a result.
 
     Attributes:
-        robot: its name.
         hours: that it walked, alarms and all [h].
         intact: speed when whole [m/min].
         distance: walked, see `gait.synthesis.measure_distance` [m].
         kept: share of what a robot that stays whole would have walked [1].
         kept_first: the same had it kept its first gait, by a walk after each alarm [1].
         events: in order of time.
-        false_alarms: how many of them.
-        seconds: that it took [s].
     """
 
     robot: str

@@ -80,7 +80,6 @@ class RecoverResult:
     Attributes:
         actions: trials of the broken robot.
         distance: walked [m]; None where there was none to measure.
-        seconds: that it took [s].
     """
 
     actions: Count

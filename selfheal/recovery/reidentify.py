@@ -165,7 +165,7 @@ class DamagePosterior:
         self.record_values(probe, extract_values(self.probes[probe], sensed, names))
 
     def record_values(self, probe: int, measured: Floats) -> None:
-        """Record values (M) of a probe that was taken, here or in an earlier process."""
+        """Record values (M) of a probe, taken here or in an earlier process."""
         self.taken[probe] = measured
         if self._is_walk(probe) and probe in self._approximations:
             self._tables[probe] = self._approximations[probe]  # exact as it is

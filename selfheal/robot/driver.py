@@ -32,15 +32,7 @@ class Driver(Protocol):
 
 @dataclass(frozen=True)
 class DrivenByClass:
-    """A real robot behind a Python class; see `base.Robot`.
-
-    Attributes:
-        name: of the robot.
-        anatomy: what it knows of its parts.
-        actions: (A, P) joint targets that it offers [rad].
-        driver: moves it.
-        truth: nobody knows it.
-    """
+    """A real robot behind a Python class; see `base.Robot` for the attributes."""
 
     name: str
     anatomy: Anatomy

@@ -17,11 +17,7 @@ class ReplayRobot:
     """Answers an action with the episode that holds it; see `base.Robot`.
 
     Attributes:
-        name: as asked for.
-        anatomy: what it knows of its parts.
         actions: (A, P) joint targets that the recording holds [rad].
-        truth: its real body (batch of one), None if nobody knows it.
-        recording: that it answers from.
         episodes: name of the episode of each action.
     """
 
