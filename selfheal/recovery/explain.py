@@ -29,8 +29,6 @@ from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t, compute_posterior
 from .estimate import ESTIMATED_KINDS, Hypothesis, Trial
 
-Progress = Callable[[float], None]
-
 MOST_DAMAGES = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
 # single ones whose values move, and how fast they get fewer
@@ -192,7 +190,7 @@ def estimate_damage(
     trials: Sequence[Trial],
     before: Floats,
     known: Sequence[Hypothesis],
-    progress: Progress,
+    progress: Callable[[float], None],
 ) -> HypothesisPosterior:
     """How likely each damage is after trials.
 
