@@ -326,8 +326,12 @@ def _keep_plausible(
 
 def _describe_choice(pool: Population, pick: int, why: str) -> Phase:
     """What a phase keeps of a search, and of the controller that is tried next."""
-    chosen = {"weights": pool.genomes[pick], "predicted": float(pool.scores[pick])}
-    return {**_serialize_population(pool), **chosen, "why": why}
+    return {
+        **_serialize_population(pool),
+        "weights": pool.genomes[pick],
+        "why": why,
+        "predicted": float(pool.scores[pick]),
+    }
 
 
 def _describe_walk(pool: Population, walk: Rollouts) -> Document:
