@@ -23,7 +23,7 @@ from ..evolution.genetic import (
     start_population,
 )
 from ..evolution.ranking import rank_best_first
-from ..robot.driven_robot import DrivenRobot
+from ..robot.base import DrivenRobot
 from .belief import CandidateAction, choose_action
 from .estimate import (
     GENES,

@@ -4,7 +4,9 @@ from pathlib import Path
 from typing import Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
+from ..body.legged import LeggedRobot
 from ..damage.kinds import Damage
+from ..engine.reflex import Rollouts
 from ..errors import InputError
 from ..recording import Recording
 
@@ -61,6 +63,28 @@ class Walker(Mover, Protocol):
 
         A robot that was struck already keeps what happened to it before.
         """
+        ...
+
+
+class DrivenRobot(Protocol):
+    """A legged robot that knows its body, and runs under neural controllers."""
+
+    @property
+    def legged(self) -> LeggedRobot:
+        """Its body as it was built."""
+        ...
+
+    def run_trials(self, weights: Floats) -> Rollouts:
+        """Run from rest under controllers (N, synapses), one after the other.
+
+        Returns:
+            What it sensed and how far it came; the path is for reports, nobody who
+            recovers the robot may look at it.
+        """
+        ...
+
+    def struck(self, damage: tuple[Damage, ...]) -> "DrivenRobot":
+        """This robot after a damage."""
         ...
 
 
