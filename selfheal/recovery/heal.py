@@ -58,8 +58,7 @@ def _list_misfits(run: HealRun, anatomy: Anatomy) -> Iterator[str]:
     for damage in (*run.settings.damage, *map(read_damage, believed)):
         if wrong := explain_misfit(damage, list_targets(anatomy)):
             yield f"a damage is of {wrong}"
-    names = list_channels(anatomy).names
-    sizes = {"angles": anatomy.size, "felt": len(names)}
+    sizes = {"angles": anatomy.size, "felt": len(list_channels(anatomy).names)}
     for name, phase in run.phases.items():
         for key, values in phase.items():
             width = sizes.get(key.rpartition("_")[2])
@@ -72,8 +71,13 @@ def _list_misfits(run: HealRun, anatomy: Anatomy) -> Iterator[str]:
             found = len(kept.genes)
             if found != count:
                 yield f"the gait of {name} has {found} genes; would fit: {count}"
-    if not run.actions:
-        return
+    if run.actions:
+        yield from _list_action_misfits(run, anatomy)
+
+
+def _list_action_misfits(run: HealRun, anatomy: Anatomy) -> Iterator[str]:
+    """What of its actions does not fit the probes that the body has."""
+    names = list_channels(anatomy).names
     probes = list_probes(read_gait(run.phases["gait"]), anatomy.joints)
     for k, taken in enumerate(run.actions, 1):
         probe, found = taken["probe"], taken["values"].shape
