@@ -156,7 +156,7 @@ class _PartScale(DamageKind):
 class _LimbLoss(DamageKind):
     name = "limb_loss"
     sort = "body"
-    meaning = "a part and all that hangs on it is gone; value 0"
+    meaning = "a part and its descendants are gone; value 0"
     text = "{name} lost"
     usage = "loss:PART"
     is_estimated = True
@@ -361,7 +361,7 @@ KINDS: dict[str, DamageKind] = {
 
 
 def _list_lost_parts(body: Bodies, name: str) -> list[int]:
-    """A part (0..P-1) and all that hangs on it."""
+    """A part (0..P-1) and its descendants."""
     root = body.anatomy.parts.index(name) + 1  # node 0 is the torso
     return [node - 1 for node in list_subtree([-1, *body.parent[0]], root)]
 

@@ -93,7 +93,7 @@ def _summarize_run(run: HealRun, robot: str) -> Document:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
-    stated = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
+    shown_alarm = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
     shown = [
         {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
     ]
@@ -110,7 +110,7 @@ def _summarize_run(run: HealRun, robot: str) -> Document:
         "robot": robot,
         "seed": settings.seed,
         "damage": [d.document for d in settings.damage],
-        "alarm": stated,
+        "alarm": shown_alarm,
         "hypotheses": shown,
         "actions": len(run.actions),
         "distance": rounded,

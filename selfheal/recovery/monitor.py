@@ -7,7 +7,7 @@ Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" 
 all channels, against "two spreads more than before"; it sees many that are a bit off.
 And one for each channel counts windows in which it stands perfectly still, against
 "always", which sees a dead sensor. By Lorden (1971) such a sum passes h by chance at
-most once in exp(h) windows, which sets h from the stated rate of false alarms.
+most once in exp(h) windows, which sets h from the nominal rate of false alarms.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from .belief import DEGREES_OF_FREEDOM, compute_log_t
 from .probes import classify_channels
 
 QUARTERS = 4  # windows a cycle
-FALSE_ALARMS = 1.0  # an hour, stated; chosen
+FALSE_ALARMS = 1.0  # an hour, nominal; chosen
 _FALSE_POSES = 0.05  # chance of a false alarm in a series of poses; chosen
 _WIDE = 6.0  # of the alternative; chosen
 _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
@@ -187,7 +187,7 @@ def _count_skipped_windows(cycle: float, start: float = _START) -> int:
 
 
 def compute_threshold(cycle: float, channels: Channels) -> float:
-    """[nats] that keeps false alarms at the stated rate, all channels together."""
+    """[nats] that keeps false alarms at the nominal rate, all channels together."""
     windows = 3600 / (cycle / QUARTERS)
     return float(np.log(windows * (2 * len(channels.names) + 1) / FALSE_ALARMS))
 

@@ -1,4 +1,4 @@
-"""Runs of phases: what was asked in; a run that grows phase by phase, kept on disk.
+"""Runs of phases: settings in; a run that grows phase by phase, kept on disk.
 
 RUN.h5: attributes format and version, settings and result as JSON; a group
 phases/<name> each: arrays as datasets, all else as JSON.
@@ -77,7 +77,7 @@ class PhasedRun:
     """A run, finished or not.
 
     Attributes:
-        settings: what was asked; a dataclass, `damage` among its fields.
+        settings: a dataclass, `damage` among its fields.
         phases: name -> what came of it, in order.
         result: what the command's `--json` prints, empty until the end.
     """
@@ -213,10 +213,11 @@ def _read_phases(file: Members, run: PhasedRun) -> dict[str, Phase]:
         return phases
     group = file.open_group("phases")
     for k, member in enumerate(group.list_names()):
-        asked = run.list_next_phases(tuple(phases))
+        expected = run.list_next_phases(tuple(phases))
         number, _, name = member.partition(" ")
-        if number != f"{k:03d}" or name not in asked:
-            fits = " or ".join(f"'{k:03d} {each}'" for each in asked) or "no phase more"
+        if number != f"{k:03d}" or name not in expected:
+            fits = " or ".join(f"'{k:03d} {each}'" for each in expected)
+            fits = fits or "no phase more"
             raise group.make_error(f"member {k + 1}", repr(member), fits)
         schema, members = run.find_schema(name), group.open_group(member)
         text = members.read("told", str)

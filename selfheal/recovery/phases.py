@@ -128,9 +128,9 @@ class HealPhases:
             return None
         if name == "verdict" and done["alarm"]["alarm"]:
             doubt = self._restore_posterior(run)
-            asked = None if doubt.is_done else self._take_action(doubt)
-            if asked:
-                return f"ask-{len(doubt.taken):02d}", asked
+            taken = None if doubt.is_done else self._take_action(doubt)
+            if taken:
+                return f"ask-{len(doubt.taken):02d}", taken
         return name, steps[name](run)
 
     def _make_first_gait(self, run: HealRun) -> Phase:
@@ -176,8 +176,8 @@ class HealPhases:
                 f"{gait.high:.2f}): it has another body, so that no damage could be "
                 "told; would fit: a run of identify with more cycles, or more sensors"
             )
-        felt = read_channels(walked, self.anatomy)[1]
-        return {**path, "distance": distance, "felt": felt}
+        channels = read_channels(walked, self.anatomy)[1]
+        return {**path, "distance": distance, "felt": channels}
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""

@@ -1,6 +1,6 @@
 """Damage from recordings alone: readings at rest of a robot before and after in.
 
-For a robot that can only be asked for poses once recorded, as the one of 2006: belief
+For a robot of which only recorded poses are known, as the one of 2006: belief
 goes from reading to reading, each compared with the reading when whole.
 """
 

@@ -1,4 +1,4 @@
-"""Heals as records: what was asked, the phases so far, the gaits in them."""
+"""Heals as records: settings, the phases so far, the gaits in them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +23,7 @@ from .phased_run import (
 
 @dataclass(frozen=True)
 class HealSettings:
-    """What a heal was asked to do.
+    """Settings of a heal.
 
     Attributes:
         run: path of the self-modeling run that it starts from.
@@ -311,8 +311,8 @@ class HealRun(PhasedRun):
             return "the settings have not as many onsets as damages"
         if self.settings.hours:
             raised = [heal.phases.get("alarm", {}).get("alarm") for heal in self.heals]
-            stated = [event["alarm"] for event in self.result.get("events", ())]
-            if self.result and sum(map(bool, raised)) != sum(map(bool, stated)):
+            listed = [event["alarm"] for event in self.result.get("events", ())]
+            if self.result and sum(map(bool, raised)) != sum(map(bool, listed)):
                 return "the result and the phases differ in how many alarms there were"
             return ""
         left = self.list_next_phases(tuple(self.phases))

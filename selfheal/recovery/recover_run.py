@@ -1,4 +1,4 @@
-"""Recoveries as records: what was asked, the phases so far, the hypotheses in them."""
+"""Recoveries as records: settings, the phases so far, the hypotheses in them."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -39,7 +39,7 @@ MORE_TRIALS = 4
 
 @dataclass(frozen=True)
 class RecoverSettings:
-    """What a recovery was asked to do.
+    """Settings of a recovery.
 
     Attributes:
         robot: of `body.legged.LEGGED`.
@@ -161,11 +161,11 @@ class RecoverRun(PhasedRun):
     def trials(self) -> list[Trial]:
         """What the broken robot has answered so far, its failure first."""
         done = self.phases
-        asked = {"failure": "original"}
-        asked |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
+        controllers = {"failure": "original"}
+        controllers |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
         return [
             Trial(done[by]["weights"], float(done[name]["way"]), done[name]["sensed"])
-            for name, by in asked.items()
+            for name, by in controllers.items()
             if name in done
         ]
 
@@ -239,8 +239,8 @@ class RecoverRun(PhasedRun):
 
     def _list_believed(self) -> list[tuple[str, Hypothesis]]:
         """Phase and damages of each hypothesis."""
-        told = {n: p for n, p in self.phases.items() if "believed" in p}
-        return [(name, h) for name, p in told.items() for h in read_hypotheses(p)]
+        beliefs = {n: p for n, p in self.phases.items() if "believed" in p}
+        return [(name, h) for name, p in beliefs.items() for h in read_hypotheses(p)]
 
 
 def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
@@ -294,7 +294,7 @@ def summarize_run(run: RecoverRun) -> Document:
         "scenario": s.scenario,
         "method": s.method,
         "damage": [d.document for d in s.damage],
-        "alarm": None,  # the robot is told that it failed, in scenario 9 falsely
+        "alarm": None,  # the robot knows that it failed, in scenario 9 falsely
         "verdict": ("listed", "unlisted")[run.unlisted] if s.method == "ours" else None,
         "hypotheses": _list_marginals(run),
         "actions": spent,

@@ -40,7 +40,7 @@ from .probes import (
 SURE = 0.95  # of one kind and target: enough to act on; chosen
 MOST_ACTIONS = 12  # actions, however unsure; chosen
 _FEWEST_ACTIONS = 2  # actions, however sure: the first may have been read badly; chosen
-_SIZE_ACTIONS = 5  # actions in which a part's scale is asked for; chosen
+_SIZE_ACTIONS = 5  # actions by which a part's scale is measured; chosen
 # [nats] that an action must be expected to tell, to be taken; chosen
 _LEAST_GAIN = 0.05
 _REFINEMENTS = 4  # rounds of finer values once the kind is known

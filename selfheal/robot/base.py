@@ -15,7 +15,7 @@ class Robot(Protocol):
     """Something that acts and returns its readings.
 
     Attributes:
-        name: as asked for.
+        name: by which it was opened.
         anatomy: what it knows of its parts.
         actions: (A, P) joint targets that it offers [rad].
         truth: its real body (batch of one) for reports, None if nobody knows it.

@@ -1,7 +1,7 @@
 """Robots described in a file: a TOML or an MJCF in; what the robot knows of its parts.
 
 What answers is a recording, a Python class, or a simulation of a body that the file
-states and that is hidden from who identifies it.
+describes and that is hidden from who identifies it.
 """
 
 import fnmatch
@@ -65,7 +65,7 @@ class PartKind:
         joints: that move them; empty: named as the parts.
         hinge: a name of `HINGE_NAMES`: where a positive angle moves the outer end.
         bend: how far a part leaves its parent downward, at zero angle [deg].
-        foot: whether its tip feels the floor.
+        foot: whether its tip has a touch sensor.
         housing: at the joint.
     """
 
@@ -243,10 +243,10 @@ def _parse_place(part: str, place: str) -> tuple[str, str, float]:
 
 
 def build_truth(described: Description, anatomy: Anatomy) -> Bodies | None:
-    """The body that a description states, None where it states none.
+    """The body that a description has, None where it has none.
 
     Raises:
-        InputError: a part is missing or hangs on what does not come before it.
+        InputError: a part is missing, or its parent does not come before it.
     """
     if not described.body:
         return None

@@ -119,7 +119,7 @@ def drive_by_class(
         truth: its body, None if nobody knows it.
 
     Raises:
-        InputError: there is no such file or class, or it lacks a method.
+        InputError: there is no such file or class, or a method is missing.
     """
     made = _load_driver(path, driver)
     kind = FollowsByClass if callable(getattr(made, "follow", None)) else DrivenByClass
@@ -130,7 +130,7 @@ def _load_driver(path: str, driver: str) -> Driver:
     """The object of a class that moves a robot.
 
     Raises:
-        InputError: there is no such file or class, or it lacks a method.
+        InputError: there is no such file or class, or a method is missing.
     """
     file, _, name = driver.rpartition(":")
     place = Path(path).parent / file

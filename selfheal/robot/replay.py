@@ -44,7 +44,7 @@ def replay(
         truth: its body, None if nobody knows it.
 
     Raises:
-        RecordingError: an episode lacks a servo of the anatomy or a reading of its
+        RecordingError: an episode has no command of a servo, or no reading of the
             sensors at its last sample.
     """
     servos = [f"{joint}_servo" for joint in anatomy.joints]
