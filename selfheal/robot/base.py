@@ -1,14 +1,16 @@
 """What a robot is to this program."""
 
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
 from ..body.legged import LeggedRobot
 from ..damage.kinds import Damage
-from ..engine.reflex import Rollouts
 from ..errors import InputError
 from ..recording import Recording
+
+if TYPE_CHECKING:
+    from ..engine.reflex import Rollouts
 
 
 class Robot(Protocol):
@@ -74,7 +76,7 @@ class DrivenRobot(Protocol):
         """Its body as it was built."""
         ...
 
-    def run_trials(self, weights: Floats) -> Rollouts:
+    def run_trials(self, weights: Floats) -> "Rollouts":
         """Run from rest under controllers (N, synapses), one after the other.
 
         Returns:

@@ -58,7 +58,6 @@ class PartKind:
     """Parts that are alike.
 
     Attributes:
-        names: of the parts.
         length: [m].
         radius: [m].
         mass: of the rod [kg].
@@ -116,12 +115,8 @@ class Description:
     """A robot as its file describes it.
 
     Attributes:
-        name: of the robot.
-        torso: of it.
-        parts: by kinds.
         sensors: as `engine.channels` names them; a `*` stands for all parts, or those
             whose names fit.
-        actions: that it offers.
         body: of a simulated robot: by part, what it is attached to and at which side of
             that, as "torso left" or, a fifth along that side, "torso left 0.2".
         driver: FILE.py:CLASS of the real one, beside the description.
