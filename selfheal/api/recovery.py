@@ -9,7 +9,7 @@ from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
 
 if TYPE_CHECKING:
     from ..recovery.recover_run import RecoverRun, RecoverSettings
-    from ..robot.driven_robot import DrivenRobot
+    from ..robot.base import DrivenRobot
 
 RUN = "recover.h5"
 

@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from ..body.body import Bodies
 from ..body.legged import LeggedRobot
-from ..engine.plant import Plant
-from ..engine.reflex import LeggedPlants, build_intact_plants
 from .kinds import KINDS, Damage
+
+if TYPE_CHECKING:  # they load MuJoCo
+    from ..engine.plant import Plant
+    from ..engine.reflex import LeggedPlants
 
 
 @dataclass(frozen=True)
@@ -23,7 +26,7 @@ class Strike:
     damage: Damage
 
 
-def apply_damages(plant: Plant, *damages: Damage) -> Plant:
+def apply_damages(plant: "Plant", *damages: Damage) -> "Plant":
     """The plant after these damages, in order."""
     for damage in damages:
         plant = KINDS[damage.kind].change_plant(plant, damage)
@@ -38,8 +41,10 @@ def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
 
 def build_damaged_plants(
     robot: LeggedRobot, damages: Sequence[Sequence[Damage]]
-) -> LeggedPlants:
+) -> "LeggedPlants":
     """Robots after their damages, one for each element."""
+    from ..engine.reflex import build_intact_plants
+
     plants = build_intact_plants(robot, len(damages))
     for row, several in enumerate(damages):
         for damage in several:

@@ -9,15 +9,18 @@ import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..body.body import Bodies, scale_parts
 from ..body.changes import compute_direction, list_subtree, tilt_gravity
 from ..body.legged import LeggedRobot
-from ..engine.plant import Plant
-from ..engine.reflex import LeggedPlants
 from .values import AZIMUTHS, DEG, FRICTIONS, JAMS, SCALES, SHARES, SLOPES, Values
+
+if TYPE_CHECKING:  # they load MuJoCo
+    from ..engine.plant import Plant
+    from ..engine.reflex import LeggedPlants
 
 _LOST_SIZE = 0.02  # [m] that a lost part keeps, as MuJoCo needs some; chosen
 
@@ -109,11 +112,11 @@ class DamageKind:
             for name, value, azimuth in product(names, grid, azimuths)
         ]
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         """A plant after it; one that cannot suffer it stays as it was."""
         return plant
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         """Write it into a row of legged plants, if they can suffer it."""
 
     def list_estimated_places(self, robot: LeggedRobot) -> Sequence[str]:
@@ -148,7 +151,7 @@ class _PartScale(DamageKind):
     # paper A: 0.1 to 2; 0.03 are 5 mm of the longest part
     heal_values = Values(SCALES, 0.1, 0.05, 2.0, 0.03)
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         part = plant.body.anatomy.parts.index(damage.name)
         return _scale_parts_of(plant, [part], damage.value)
 
@@ -156,16 +159,16 @@ class _PartScale(DamageKind):
 class _LimbLoss(DamageKind):
     name = "limb_loss"
     sort = "body"
-    meaning = "a part and all that hangs on it is gone; value 0"
+    meaning = "a part and its descendants are gone; value 0"
     text = "{name} lost"
     usage = "loss:PART"
     is_estimated = True
     heal_values = recover_values = Values()
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         return _scale_parts_of(plant, _list_lost_parts(plant.body, damage.name), 0.0)
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         """An angle sensor is lost with its joint; a touch sensor touches nothing."""
         robot = plants.robot
         plants.present[row, robot.list_bodies_below(damage.name)] = False
@@ -212,12 +215,12 @@ class _JointJam(DamageKind):
     heal_values = Values(JAMS, 8 * DEG, -96 * DEG, 96 * DEG, DEG)
     recover_values = Values()  # where it stood when the robot was built
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         jam = plant.jam.copy()
         jam[plant.body.anatomy.joints.index(damage.name)] = damage.value
         return replace(plant, jam=jam)
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         (site,) = (s for s in plants.robot.damage_sites if s.name == damage.name)
         plants.unlocked[row, list(site.dofs)] = False
 
@@ -244,13 +247,13 @@ class _WeakMotor(_Weakened):
     usage = "weak:ACTUATOR[:FACTOR]"
     grows = True
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         factor = np.ones(plant.body.anatomy.size)
         joint = damage.name.removesuffix("_servo")
         factor[plant.body.anatomy.joints.index(joint)] = damage.value
         return replace(plant, torque=plant.torque * factor, speed=plant.speed * factor)
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         motor = plants.robot.motors.index(damage.name)
         plants.motor_gain[row, motor] *= damage.value
 
@@ -264,11 +267,11 @@ class _SensorDead(DamageKind):
     is_estimated = True
     heal_values = recover_values = Values()
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         gain = plant.gain.get(damage.name, 1.0) * damage.value  # of a dead one 0
         return replace(plant, gain={**plant.gain, damage.name: gain})
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         sensor = plants.robot.sensors.index(damage.name)
         plants.sensor_gain[row, sensor] *= damage.value
 
@@ -294,7 +297,7 @@ class _NeuronDead(DamageKind):
     text = "hidden neuron {name} dead"
     recover_values = Values()
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         plants.neuron_gain[row, int(damage.name)] = 0.0
 
 
@@ -310,10 +313,10 @@ class _Slope(DamageKind):
     heal_values = Values(SLOPES, 5 * DEG, 0.0, 30 * DEG, DEG)
     recover_values = Values(SLOPES, 2.5 * DEG, 0.0, 0.5)
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         return replace(plant, slope=np.array([damage.value, damage.azimuth]))
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         downhill = np.array([*compute_direction(damage.azimuth), 0.0])
         level = plants.robot.model.opt.gravity
         plants.gravity[row] = tilt_gravity(level, damage.value, downhill)
@@ -330,10 +333,10 @@ class _GroundFriction(DamageKind):
     heal_values = Values(FRICTIONS, 0.1, 0.02, 1.5, 0.02)
     recover_values = Values(FRICTIONS, 0.05, 0.02, 1.5)
 
-    def change_plant(self, plant: Plant, damage: Damage) -> Plant:
+    def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
         return replace(plant, physics=replace(plant.physics, friction=damage.value))
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         plants.friction[row] = damage.value
 
 
@@ -346,7 +349,7 @@ class _Wind(DamageKind):
         (3.0, 6.0, 10.0), 1.5, 0.0, 20.0
     )  # a breeze to a strong one
 
-    def change_legged(self, plants: LeggedPlants, row: int, damage: Damage) -> None:
+    def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         plants.wind[row, :2] = damage.value * compute_direction(damage.azimuth)
 
 
@@ -361,7 +364,7 @@ KINDS: dict[str, DamageKind] = {
 
 
 def _list_lost_parts(body: Bodies, name: str) -> list[int]:
-    """A part (0..P-1) and all that hangs on it."""
+    """A part (0..P-1) and its descendants."""
     root = body.anatomy.parts.index(name) + 1  # node 0 is the torso
     return [node - 1 for node in list_subtree([-1, *body.parent[0]], root)]
 
@@ -373,7 +376,7 @@ def _list_lost_dofs(robot: LeggedRobot, name: str) -> list[int]:
     return [dof for dof, body in enumerate(bodies) if body in gone]
 
 
-def _scale_parts_of(plant: Plant, parts: list[int], factor: float) -> Plant:
+def _scale_parts_of(plant: "Plant", parts: list[int], factor: float) -> "Plant":
     """Scale parts, but for what MuJoCo needs of them."""
     scale = np.ones((1, plant.body.anatomy.size))
     least = _LOST_SIZE / plant.body.thickness

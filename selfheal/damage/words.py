@@ -4,7 +4,6 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 
 from ..body.body import Anatomy
-from ..engine.walk import list_channels
 from ..errors import InputError, UnknownNameError
 from ..printable import join_names
 from .kinds import KINDS, Damage, DamageKind
@@ -19,6 +18,8 @@ USAGE = ", ".join(kind.usage for kind in (_SCALED, *_SAYABLE.values()))
 
 def list_names(anatomy: Anatomy) -> dict[str, tuple[str, ...]]:
     """Names of what may break of a robot, by the sort of target."""
+    from ..engine.walk import list_channels
+
     return {
         "body": anatomy.parts,
         "joint": anatomy.joints,

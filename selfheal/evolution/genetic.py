@@ -45,7 +45,7 @@ class Population:
         genomes: (N, D) best first.
         scores: (N) larger is better, -inf where it failed.
         best: (G) score of the best one after each generation so far.
-        evaluations: evaluations that the algorithm has asked for, in all.
+        evaluations: requested by the algorithm so far.
     """
 
     genomes: Floats

@@ -27,7 +27,7 @@ _TOP = 3.0
 _SCALES = (1.0, 0.5)
 STILL = np.radians(3.0)  # tilt of a torso that lies still: changes weights by 5 %
 _MOST_DEPTHS = 3  # joints farther out swing as those before them; chosen: 27 ways
-_HELD = round(SAMPLE / PERIOD)  # rows of a command: a recording states all of them
+_HELD = round(SAMPLE / PERIOD)  # rows of a command: a recording holds all of them
 
 
 @dataclass(frozen=True)

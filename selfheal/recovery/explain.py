@@ -29,8 +29,6 @@ from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t, compute_posterior
 from .estimate import ESTIMATED_KINDS, Hypothesis, Trial
 
-Progress = Callable[[float], None]
-
 MOST_DAMAGES = 4  # damages at a time (overview.txt 4.3)
 _BEAM = 8  # hypotheses of each size from which larger ones grow; chosen
 # single ones whose values move, and how fast they get fewer
@@ -139,19 +137,18 @@ def simulate_hypotheses(
     weights: Floats,
     rows: int,
 ) -> Rollouts:
-    """Robots as hypotheses have them, all under one controller.
+    """Robots as hypotheses have them, under one controller or one each.
 
     Args:
         scaling: (2 + D) or (H, 2 + D) factors, see `engine.reflex.scale_physics`.
-        weights: (W) of the controller's synapses [1].
+        weights: (W) or (H, W) of the controllers' synapses [1].
 
     Returns:
         What H robots did in so many samples.
     """
     plants = scale_physics(build_damaged_plants(robot, hypotheses), scaling)
-    return simulate_controllers(
-        plants, np.tile(weights, (len(hypotheses), 1)), rows * STEPS_PER_SAMPLE
-    )
+    each = weights if weights.ndim > 1 else np.tile(weights, (len(hypotheses), 1))
+    return simulate_controllers(plants, each, rows * STEPS_PER_SAMPLE)
 
 
 def compute_residual_scale(sensed: Floats, predicted: Floats) -> Floats:
@@ -193,7 +190,7 @@ def estimate_damage(
     trials: Sequence[Trial],
     before: Floats,
     known: Sequence[Hypothesis],
-    progress: Progress,
+    progress: Callable[[float], None],
 ) -> HypothesisPosterior:
     """How likely each damage is after trials.
 
@@ -233,8 +230,12 @@ def _grow_hypotheses(
         if _is_explained(weights):
             return
         before = max(weights.values())
-        grown = (reduce_damages(seen.robot, (*h, d)) for h in beam for d in catalogue
-                 if d.place not in _strip_values(h))  # fmt: skip
+        pairs = [(h, d) for h in beam for d in catalogue]
+        grown = (
+            reduce_damages(seen.robot, (*h, d))
+            for h, d in pairs
+            if d.place not in _strip_values(h)
+        )
         new = [h for h in dict.fromkeys(grown) if h not in weights]
         if not new:
             return

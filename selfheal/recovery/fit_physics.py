@@ -7,7 +7,7 @@ walked while nothing was broken: to its first steps, then to more. Where contact
 decide, a fit to all steps at once leads nowhere.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -25,11 +25,9 @@ from ..evolution.cma_es import CmaState, ask, start_search, tell
 from ..evolution.ranking import rank_best_first
 from .belief import compute_log_t
 
-Progress = Callable[[float], None]
-
-_HORIZONS = (20, 30, 40, 60, 80, 110, 150)  # steps that are fitted in turn; chosen
-# searches in the beginning and in the end; chosen
-_FIRST_SEARCHES, _LAST_SEARCHES = 16, 4
+# steps that are fitted in turn, by how many searches, and those left at the end; chosen
+RUNGS = ((20, 16), (30, 15), (40, 13), (60, 11), (80, 10), (110, 8), (150, 6))
+_LEFT = 4
 _CHILDREN, _GENERATIONS = 14, 10  # of each search for each horizon; chosen
 _STEP, _LEAST_STEP = 0.02, 0.003  # logs of factors: first steps, least new ones; chosen
 _PRIOR_WIDTH = 0.05  # log of a factor, as wide as a careful builder would grant; chosen
@@ -42,7 +40,8 @@ def fit_physics(
     weights: Floats,
     sensed: Floats,
     rng: np.random.Generator,
-    progress: Progress,
+    progress: Callable[[float], None],
+    rungs: Sequence[tuple[int, int]] = RUNGS,
 ) -> Floats:
     """(K, 2 + D) factors with which the model walks as the robot did, the best first.
 
@@ -51,16 +50,15 @@ def fit_physics(
         sensed: (T, S) what the whole robot sensed; see `engine.reflex.Rollouts`.
         rng: draws where to look.
         progress: called with what share is done.
+        rungs: steps that are fitted in turn, and by how many searches.
 
     Returns:
         See `engine.reflex.scale_physics`; one row of ones where the model is right
         already.
     """
     size = 2 + len(robot.motors)
-    model = simulate_controllers(build_intact_plants(robot, 1), weights[None]).sensors[
-        0
-    ]
-    if np.array_equal(model, sensed):
+    model = simulate_controllers(build_intact_plants(robot, 1), weights[None])
+    if np.array_equal(model.sensors[0], sensed):
         return np.ones((1, size))
 
     def score(points: Floats, steps: int) -> Floats:
@@ -71,17 +69,13 @@ def fit_physics(
         fit = compute_log_t(gap).sum(axis=(1, 2)) - prior
         return np.where(drives.failed, -np.inf, fit)
 
-    searches = [
-        start_search(rng.normal(0, _STEP, size), _STEP) for _ in range(_FIRST_SEARCHES)
-    ]
-    for turn, steps in enumerate(_HORIZONS):
-        progress(turn / len(_HORIZONS))
-        found = _extend_horizon(searches, partial(score, steps=steps), rng)
-        left = _FIRST_SEARCHES - (_FIRST_SEARCHES - _LAST_SEARCHES) * (turn + 1) // len(
-            _HORIZONS
-        )
-        searches = found[:left]
-    return np.exp([search.mean for search in searches])
+    starts = (rng.normal(0, _STEP, size) for _ in range(rungs[0][1]))
+    searches = [start_search(start, _STEP) for start in starts]
+    for turn, (steps, count) in enumerate(rungs):
+        progress(turn / len(rungs))
+        longer = partial(score, steps=steps)
+        searches = _extend_horizon(searches[:count], longer, rng)
+    return np.exp([search.mean for search in searches[:_LEFT]])
 
 
 def _extend_horizon(

@@ -48,53 +48,52 @@ def check_same_body(run: HealRun, models: Bodies) -> None:
     Raises:
         RunFileError: says what does not fit.
     """
-    anatomy, targets = models.anatomy, list_targets(models.anatomy)
+    for wrong in _list_misfits(run, models.anatomy):
+        raise RunFileError(f"the heal does not fit the body of its run: {wrong}")
+
+
+def _list_misfits(run: HealRun, anatomy: Anatomy) -> Iterator[str]:
+    """What of a heal does not fit a body; each stands on what came before it."""
     believed = [b for p in run.phases.values() for b in p.get("believed", ())]
     for damage in (*run.settings.damage, *map(read_damage, believed)):
-        if wrong := explain_misfit(damage, targets):
-            raise _make_misfit_error(f"a damage is of {wrong}")
-    channels = len(list_channels(anatomy).names)
-    sizes = {"angles": anatomy.size, "felt": channels}
+        if wrong := explain_misfit(damage, list_targets(anatomy)):
+            yield f"a damage is of {wrong}"
+    sizes = {"angles": anatomy.size, "felt": len(list_channels(anatomy).names)}
     for name, phase in run.phases.items():
         for key, values in phase.items():
             width = sizes.get(key.rpartition("_")[2])
             if width is not None and values.shape[-1] != width:
-                found = f"{key} of {name} has {values.shape[-1]} columns"
-                raise _make_misfit_error(f"{found}; would fit: {width}")
+                found = values.shape[-1]
+                yield f"{key} of {name} has {found} columns; would fit: {width}"
         if phase.get("gait"):
             kept = read_gait(phase)
             count = find_pattern(kept.pattern).count_genes(anatomy.size)
-            if len(kept.genes) != count:
-                found = f"the gait of {name} has {len(kept.genes)} genes"
-                raise _make_misfit_error(f"{found}; would fit: {count}")
+            found = len(kept.genes)
+            if found != count:
+                yield f"the gait of {name} has {found} genes; would fit: {count}"
     if run.actions:
-        _check_actions(run, anatomy)
+        yield from _list_action_misfits(run, anatomy)
 
 
-def _check_actions(run: HealRun, anatomy: Anatomy) -> None:
-    """Refuse actions that are none of the probes, or felt something else than these."""
-    probes = list_probes(read_gait(run.phases["gait"]), anatomy.joints)
+def _list_action_misfits(run: HealRun, anatomy: Anatomy) -> Iterator[str]:
+    """What of its actions does not fit the probes that the body has."""
     names = list_channels(anatomy).names
+    probes = list_probes(read_gait(run.phases["gait"]), anatomy.joints)
     for k, taken in enumerate(run.actions, 1):
-        if taken["probe"] >= len(probes):
-            found = f"the probe of action {k} is {taken['probe']}"
-            raise _make_misfit_error(f"{found}; would fit: 0 to {len(probes) - 1}")
-        count = len(find_residual_scale(probes[taken["probe"]], names))
-        if taken["values"].shape != (count,):
-            found = f"action {k} has {taken['values'].size} values"
-            raise _make_misfit_error(f"{found}; would fit: {count}")
-
-
-def _make_misfit_error(said: str) -> RunFileError:
-    """The error of a heal and a run that do not belong together."""
-    return RunFileError(f"the heal does not fit the body of its run: {said}")
+        probe, found = taken["probe"], taken["values"].shape
+        if probe >= len(probes):
+            fits = f"0 to {len(probes) - 1}"
+            yield f"the probe of action {k} is {probe}; would fit: {fits}"
+        count = len(find_residual_scale(probes[probe], names))
+        if found != (count,):
+            yield f"action {k} has {taken['values'].size} values; would fit: {count}"
 
 
 def _summarize_run(run: HealRun, robot: str) -> Document:
     """What `heal --json` prints (contract section 3)."""
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
-    stated = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
+    shown_alarm = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
     shown = [
         {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
     ]
@@ -111,7 +110,7 @@ def _summarize_run(run: HealRun, robot: str) -> Document:
         "robot": robot,
         "seed": settings.seed,
         "damage": [d.document for d in settings.damage],
-        "alarm": stated,
+        "alarm": shown_alarm,
         "hypotheses": shown,
         "actions": len(run.actions),
         "distance": rounded,

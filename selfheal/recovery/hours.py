@@ -179,7 +179,7 @@ def _summarize_hours(run: HealRun, robot: str) -> Document:
     # the first walk is a whole robot's
     whole = walks[0][2] / walks[0][1] * (start + seconds)
     distance = sum(length for _, _, length in walks)
-    events = _list_events(run, start + seconds)
+    events = list_events(run, start + seconds)
     return {
         "format": "selfheal-heal-hours",
         "version": 1,
@@ -223,10 +223,9 @@ def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
 
 def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
     """Since when [s] the first gait has which speed [m/min], of a walk each alarm."""
+    ended = [heal.phases for heal in run.heals if "first" in heal.phases]
     walked = [(0.0, run.heals[0].phases["whole"])]
-    for heal in run.heals:
-        if "first" in heal.phases:
-            walked.append((heal.phases["alarm"]["alarm"]["time"], heal.phases["first"]))
+    walked += [(phases["alarm"]["alarm"]["time"], phases["first"]) for phases in ended]
     return [
         (since, _PER_MINUTE * _measure_distance(walk, run.settings.heading, ROWS))
         for since, walk in walked
@@ -246,7 +245,7 @@ def _share_first(run: HealRun, end: float) -> float:
     return float(np.diff([*times, end]) @ speeds / (end * speeds[0]))
 
 
-def _list_events(run: HealRun, end: float) -> list[Document]:
+def list_events(run: HealRun, end: float) -> list[Document]:
     """The damages until an end [s] and all alarms, in order; see `HoursEvent`.
 
     An alarm is for the last damage before it, or false if an earlier one was.
@@ -277,10 +276,13 @@ def _describe_event(
     true = strike.damage if strike else INTACT
     event: Document = {
         "time": strike.time if strike else 0.0,
-        "damage": true.document if strike else None, "alarm": None, "delay": None,
-        "believed": None, "right": False, "actions": 0, "before": before,
-        "damaged": None, "healed": None, "first": None,
-    }  # fmt: skip
+        "damage": true.document if strike else None,
+        **dict.fromkeys(("alarm", "delay", "believed")),
+        "right": False,
+        "actions": 0,
+        "before": before,
+        **dict.fromkeys(("damaged", "healed", "first")),
+    }
     if heal is None:
         return event
     alarm, best = heal.phases["alarm"]["alarm"], heal.phases["verdict"]["believed"][0]

@@ -7,19 +7,21 @@ Each channel has a CUSUM (Page 1954) of the log likelihood ratio of "as before" 
 all channels, against "two spreads more than before"; it sees many that are a bit off.
 And one for each channel counts windows in which it stands perfectly still, against
 "always", which sees a dead sensor. By Lorden (1971) such a sum passes h by chance at
-most once in exp(h) windows, which sets h from the stated rate of false alarms.
+most once in exp(h) windows, which sets h from the nominal rate of false alarms.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from ..body.body import Floats
 from ..engine.walk import SAMPLE, Channels
 from .belief import DEGREES_OF_FREEDOM, compute_log_t
+from .probes import classify_channels
 
 QUARTERS = 4  # windows a cycle
-FALSE_ALARMS = 1.0  # an hour, stated; chosen
+FALSE_ALARMS = 1.0  # an hour, nominal; chosen
 _FALSE_POSES = 0.05  # chance of a false alarm in a series of poses; chosen
 _WIDE = 6.0  # of the alternative; chosen
 _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window; chosen
@@ -27,8 +29,8 @@ _SHIFT, _MOST = 2.0, 4.0  # of the common misfit's alternative, and of a window;
 # from rest becomes regular; how much wider the spread is taken than it was seen, for
 # windows that follow each other are alike.
 _START, _INFLATE = 6.0, 2.5
-# Chosen: no spread is taken for less; tilt, angles [deg], gap, way [mm], touch.
-_LEAST = {"deg": 0.5, "mm": 3.0, "touch": 0.08}
+# Chosen: no spread is taken for less [deg, mm, mm a window, 1].
+_LEAST = {"tilt": 0.5, "angle": 0.5, "clearance": 3.0, "speed": 3.0, "touch": 0.08}
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,7 @@ class Baseline:
     cycle: float
 
 
-def compute_window_means(
-    sensed: Floats, cycle: float, names: tuple[str, ...]
-) -> Floats:
+def compute_window_means(sensed: Floats, cycle: float) -> Floats:
     """Mean of each channel in windows of a quarter cycle.
 
     The last two channels are a position [mm], which depends on the heading. In place of
@@ -104,8 +104,8 @@ def compute_window_means(
         (W, C) means.
     """
     edges = _find_window_edges(len(sensed), cycle)
-    rows = [sensed[a:b].mean(axis=0) for a, b in zip(edges, edges[1:], strict=False)]
-    out = np.array(rows).reshape(len(rows), len(names))
+    rows = [sensed[a:b].mean(axis=0) for a, b in pairwise(edges)]
+    out = np.array(rows).reshape(len(rows), sensed.shape[1])
     place = sensed[np.maximum(edges - 1, 0), -2:]
     way = np.linalg.norm(np.diff(place, axis=0), axis=1)
     out[:, -2], out[:, -1] = way[: len(out)], 0.0
@@ -128,15 +128,15 @@ def learn_baseline(
         predicted: (S, C) channels of a walk of several cycles.
         cycle: [s].
     """
-    gap = _compute_residuals(sensed, predicted, cycle, channels)[
-        _count_skipped_windows(cycle) :
-    ]
+    skip = _count_skipped_windows(cycle)
+    measured = compute_window_means(sensed, cycle)
+    gap = (measured - compute_window_means(predicted, cycle))[skip:]
     full = len(gap) // QUARTERS * QUARTERS
     folded = gap[:full].reshape(-1, QUARTERS, gap.shape[1])
     mean = folded.mean(axis=0)
     freedom = max(1, (len(folded) - 1) * QUARTERS)
     spread = np.sqrt(((folded - mean) ** 2).sum(axis=(0, 1)) / freedom)
-    least = np.array([_LEAST[_classify_unit(n)] for n in channels.names])
+    least = np.array([_LEAST[kind] for kind in classify_channels(channels.names)])
     # few cycles say little of the spread and of the mean
     spread = _INFLATE * np.maximum(spread, least) * np.sqrt(1 + 1 / len(folded))
     # each cycle against the others, as a new one will be against all
@@ -144,17 +144,14 @@ def learn_baseline(
     apart = (folded - mean) * (n / max(1, n - 1)) / spread
     misfit = -compute_log_t(apart).sum(axis=2).ravel()
     common = float(misfit.mean()), float(_INFLATE * max(misfit.std(), 0.5))
-    calm = _find_still_windows(sensed, cycle)[_count_skipped_windows(cycle) :][
-        :full
-    ].reshape(folded.shape)
+    calm = _find_still_windows(sensed, cycle)[skip:][:full].reshape(folded.shape)
     return Baseline(mean, spread, calm.sum(axis=0), n, common, cycle)
 
 
 def _find_still_windows(sensed: Floats, cycle: float) -> np.ndarray:
     """(W, C) whether a channel has one and the same value in a window."""
     edges = _find_window_edges(len(sensed), cycle)
-    pairs = zip(edges, edges[1:], strict=False)
-    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairs])
+    return np.array([np.ptp(sensed[a:b], axis=0) == 0 for a, b in pairwise(edges)])
 
 
 def _score_stillness(still: np.ndarray, known: Baseline) -> Floats:
@@ -184,30 +181,13 @@ def _score_stillness(still: np.ndarray, known: Baseline) -> Floats:
     return out
 
 
-def _count_skipped_windows(cycle: float) -> int:
+def _count_skipped_windows(cycle: float, start: float = _START) -> int:
     """Windows at the start that are not looked at, whole cycles: it gets going."""
-    return QUARTERS * int(np.ceil(_START / cycle))
-
-
-def _classify_unit(channel: str) -> str:
-    """The kind of a channel's unit, a key of `_LEAST`."""
-    if channel.endswith("_touch"):
-        return "touch"
-    return "mm" if channel in ("clearance", "x", "y") else "deg"
-
-
-def _compute_residuals(
-    sensed: Floats, predicted: Floats, cycle: float, channels: Channels
-) -> Floats:
-    """(W, C) sensed less predicted."""
-    names = channels.names
-    return compute_window_means(sensed, cycle, names) - compute_window_means(
-        predicted, cycle, names
-    )
+    return QUARTERS * int(np.ceil(start / cycle))
 
 
 def compute_threshold(cycle: float, channels: Channels) -> float:
-    """[nats] that keeps false alarms at the stated rate, all channels together."""
+    """[nats] that keeps false alarms at the nominal rate, all channels together."""
     windows = 3600 / (cycle / QUARTERS)
     return float(np.log(windows * (2 * len(channels.names) + 1) / FALSE_ALARMS))
 
@@ -261,11 +241,9 @@ def watch_walk(
         known: from a walk of the same gait.
         after: [s] before which nothing is looked at, the walk's start in any case.
     """
-    skip = max(
-        _count_skipped_windows(known.cycle),
-        int(np.ceil(after / known.cycle)) * QUARTERS,
-    )
-    gap = _compute_residuals(sensed, predicted, known.cycle, channels)[skip:]
+    skip = _count_skipped_windows(known.cycle, max(after, _START))
+    measured = compute_window_means(sensed, known.cycle)
+    gap = (measured - compute_window_means(predicted, known.cycle))[skip:]
     phase = np.arange(len(gap)) % QUARTERS
     z = (gap - known.mean[phase]) / known.spread
     each = compute_log_t(z / _WIDE) - np.log(_WIDE) - compute_log_t(z)
@@ -276,8 +254,7 @@ def watch_walk(
         np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2])
     )
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
-    limit = compute_threshold(known.cycle, channels)
-    step = known.cycle / QUARTERS
+    limit, step = compute_threshold(known.cycle, channels), known.cycle / QUARTERS
     alarm = _find_alarm(end, sums, limit, channels, step, -compute_log_t(z))
     return MonitorTrace(end, sums, limit, alarm)
 

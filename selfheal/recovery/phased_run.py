@@ -1,4 +1,4 @@
-"""Runs of phases: what was asked in; a run that grows phase by phase, kept on disk.
+"""Runs of phases: settings in; a run that grows phase by phase, kept on disk.
 
 RUN.h5: attributes format and version, settings and result as JSON; a group
 phases/<name> each: arrays as datasets, all else as JSON.
@@ -8,7 +8,8 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, make_dataclass, replace
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -32,17 +33,6 @@ def ignore_progress(phase: str, what: str, share: float) -> None:
 
 
 @dataclass(frozen=True)
-class Timed:
-    """What every phase tells.
-
-    Attributes:
-        seconds: that it took [s].
-    """
-
-    seconds: Number
-
-
-@dataclass(frozen=True)
 class KeptDamage(Damage):
     """A damage as a phase keeps it; one that makes no sense is refused."""
 
@@ -61,8 +51,25 @@ class PhaseSchema:
         arrays: each dataset by its name.
     """
 
-    document: type[Timed]
-    arrays: Mapping[str, ArraySchema] = field(default_factory=dict)
+    document: type
+    arrays: Mapping[str, ArraySchema]
+
+
+def declare_phase(
+    optional: Mapping[str, object] = MappingProxyType({}), /, **members: object
+) -> PhaseSchema:
+    """The schema of a phase, of the types of its values and the schemas of its arrays.
+
+    Args:
+        optional: types of values that may be missing.
+    """
+    arrays = {k: v for k, v in members.items() if isinstance(v, ArraySchema)}
+    fields: list[tuple[str, object] | tuple[str, object, object]] = [
+        *((name, kind) for name, kind in members.items() if name not in arrays),
+        ("seconds", Number),
+        *((name, kind, field(default=None)) for name, kind in optional.items()),
+    ]
+    return PhaseSchema(make_dataclass("Phase", fields, kw_only=True), arrays)
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,7 @@ class PhasedRun:
     """A run, finished or not.
 
     Attributes:
-        settings: what was asked; a dataclass, `damage` among its fields.
+        settings: a dataclass, `damage` among its fields.
         phases: name -> what came of it, in order.
         result: what the command's `--json` prints, empty until the end.
     """
@@ -206,10 +213,11 @@ def _read_phases(file: Members, run: PhasedRun) -> dict[str, Phase]:
         return phases
     group = file.open_group("phases")
     for k, member in enumerate(group.list_names()):
-        asked = run.list_next_phases(tuple(phases))
+        expected = run.list_next_phases(tuple(phases))
         number, _, name = member.partition(" ")
-        if number != f"{k:03d}" or name not in asked:
-            fits = " or ".join(f"'{k:03d} {each}'" for each in asked) or "no phase more"
+        if number != f"{k:03d}" or name not in expected:
+            fits = " or ".join(f"'{k:03d} {each}'" for each in expected)
+            fits = fits or "no phase more"
             raise group.make_error(f"member {k + 1}", repr(member), fits)
         schema, members = run.find_schema(name), group.open_group(member)
         text = members.read("told", str)

@@ -33,7 +33,7 @@ from .phased_run import Document, Phase, Progress
 from .plausible_plants import find_plausible_plants
 from .probes import list_probes
 from .record import HealRun, HealSettings, read_gait, serialize_gait
-from .reidentify import DamagePosterior, TakenAction
+from .reidentify import DamagePosterior
 
 LEARNING_TIME = 30.0  # [s] of walking whole from which the monitor learns; chosen
 WATCHING_TIME = 40.0  # [s] of each walk that is watched; chosen
@@ -128,9 +128,9 @@ class HealPhases:
             return None
         if name == "verdict" and done["alarm"]["alarm"]:
             doubt = self._restore_posterior(run)
-            asked = None if doubt.is_done else self._take_action(doubt)
-            if asked:
-                return f"ask-{len(doubt.taken):02d}", asked
+            taken = None if doubt.is_done else self._take_action(doubt)
+            if taken:
+                return f"ask-{len(doubt.taken):02d}", taken
         return name, steps[name](run)
 
     def _make_first_gait(self, run: HealRun) -> Phase:
@@ -176,8 +176,8 @@ class HealPhases:
                 f"{gait.high:.2f}): it has another body, so that no damage could be "
                 "told; would fit: a run of identify with more cycles, or more sensors"
             )
-        felt = read_channels(walked, self.anatomy)[1]
-        return {**path, "distance": distance, "felt": felt}
+        channels = read_channels(walked, self.anatomy)[1]
+        return {**path, "distance": distance, "felt": channels}
 
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""
@@ -234,9 +234,7 @@ class HealPhases:
             known = find_plausible_plants(self.plants[0], walk, whole, rng)
             self.posterior = DamagePosterior(self.plants[0], actions, guesses, known)
             for taken in run.actions:
-                self.posterior.record_action(
-                    TakenAction(taken["probe"], taken["why"], taken["values"])
-                )
+                self.posterior.record_values(taken["probe"], taken["values"])
         return self.posterior
 
     def _take_action(self, doubt: DamagePosterior) -> Phase | None:
@@ -252,12 +250,12 @@ class HealPhases:
         self.progress("ask", action.description, (k + 1) / (k + 3))
         trial = self.past.trials + 100 + k
         walked = self.robots.damaged.move(action.commands, trial=trial)
-        doubt.observe(probe, action.description, read_channels(walked, self.anatomy)[1])
+        doubt.observe(probe, read_channels(walked, self.anatomy)[1])
         return {
             "probe": probe,
             "why": action.description,
             "expected": left,
-            "values": doubt.taken[-1].measured,
+            "values": doubt.taken[probe],
             "believed": _list_beliefs(doubt),
         }
 
@@ -285,11 +283,11 @@ class HealPhases:
         for b in likely:
             plants += [apply_damages(plant, read_damage(b)) for plant in self.plants]
             weights += [b["probability"] * weight for weight in self.weights]
-        gait = self._try_gaits("healed", LikelyPlants(plants, weights), old)
+        gait = self.try_gaits("healed", LikelyPlants(plants, weights), old)
         kept = bool(np.array_equal(gait.genes, old.genes))
         return {"gait": serialize_gait(gait), "kept": kept}
 
-    def _try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
+    def try_gaits(self, name: str, likely: LikelyPlants, old: Gait) -> Gait:
         """Of new gaits and the old one that which gets the broken robot farthest."""
         task = replace(self.task, seed=self.task.seed + 1)
         report = partial(self.progress, name)
@@ -329,7 +327,7 @@ class HealPhases:
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self._try_gaits(
+        gait = self.try_gaits(
             "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
         )
         walk = self._walk_damaged(gait, 202)

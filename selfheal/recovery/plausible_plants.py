@@ -63,11 +63,11 @@ def find_plausible_plants(
     return PlausiblePlants(
         tuple(plants[k] for k in best),
         bias,
-        _compute_effective_share(predicted[~failed] / scale),
+        compute_effective_share(predicted[~failed] / scale),
     )
 
 
-def _compute_effective_share(predicted: Floats) -> float:
+def compute_effective_share(predicted: Floats) -> float:
     """How many independent values (N, M) are worth, as a share of M.
 
     The participation ratio of their correlations: whether a robot tips, say, changes

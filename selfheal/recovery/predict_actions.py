@@ -1,6 +1,6 @@
 """Damage from recordings alone: readings at rest of a robot before and after in.
 
-For a robot that can only be asked for poses once recorded, as the one of 2006: belief
+For a robot of which only recorded poses are known, as the one of 2006: belief
 goes from reading to reading, each compared with the reading when whole.
 """
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from ..body.body import Bodies, Floats, concatenate_bodies
 from ..damage.apply import apply_damages
-from ..damage.kinds import INTACT, Damage
+from ..damage.kinds import INTACT, KINDS, Damage
 from ..engine.plant import build_rated_plant
 from ..engine.statics import Statics
 from ..robot.base import Robot
@@ -56,8 +56,7 @@ def predict_actions(whole: Robot, broken: Robot, model: Bodies) -> ActionTables:
         model: of the whole robot (1).
     """
     plant, parts = build_rated_plant(model), whole.anatomy.parts
-    damages = (INTACT, *(Damage("part_scale", f"body:{part}", scale)
-                         for part in parts for scale in _SCALES))  # fmt: skip
+    damages = (INTACT, *KINDS["part_scale"].list_damages(parts, _SCALES))
     bodies = concatenate_bodies(*(apply_damages(plant, d).body for d in damages))
 
     def tilts(targets: Floats) -> Floats:

@@ -1,7 +1,7 @@
-"""Heals as records: what was asked, the phases so far, the gaits in them."""
+"""Heals as records: settings, the phases so far, the gaits in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -11,12 +11,19 @@ from ..damage.apply import Strike
 from ..damage.kinds import Damage
 from ..gait.synthesis import Gait
 from ..schema import ArraySchema, Count, Finite, Number, Probability
-from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import (
+    Document,
+    KeptDamage,
+    Phase,
+    PhasedRun,
+    PhaseSchema,
+    declare_phase,
+)
 
 
 @dataclass(frozen=True)
 class HealSettings:
-    """What a heal was asked to do.
+    """Settings of a heal.
 
     Attributes:
         run: path of the self-modeling run that it starts from.
@@ -117,12 +124,9 @@ class HealResult:
     """What `heal --json` prints, as the schema of a heal's result.
 
     Attributes:
-        robot: its name.
         alarm: None where none was raised.
         actions: how many were taken after it.
-        distance: walked [m].
-        predicted: of the gaits [m].
-        seconds: that it took [s].
+        predicted: distances of the gaits [m].
     """
 
     robot: str
@@ -169,15 +173,12 @@ class HoursResult:
     """What `heal --hours --json` prints, as the schema of such a result.
 
     Attributes:
-        robot: its name.
         hours: that it walked, alarms and all [h].
         intact: speed when whole [m/min].
         distance: walked, see `gait.synthesis.measure_distance` [m].
         kept: share of what a robot that stays whole would have walked [1].
         kept_first: the same had it kept its first gait, by a walk after each alarm [1].
         events: in order of time.
-        false_alarms: how many of them.
-        seconds: that it took [s].
     """
 
     robot: str
@@ -191,53 +192,6 @@ class HoursResult:
     seconds: Number
 
 
-@dataclass(frozen=True)
-class _MadeGait(Timed):
-    gait: KeptGait
-
-
-@dataclass(frozen=True)
-class _HealedGait(_MadeGait):
-    kept: bool
-
-
-@dataclass(frozen=True)
-class _IntactWalk(Timed):
-    distance: Number
-
-
-@dataclass(frozen=True)
-class _Alarm(Timed):
-    alarm: KeptAlarm | None
-    threshold: Annotated[float, Field(gt=0, le=1e6)]
-    ways: list[Number] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Action(Timed):
-    probe: Count
-    why: str
-    expected: Number
-    believed: Beliefs
-
-
-@dataclass(frozen=True)
-class _Verdict(Timed):
-    believed: Beliefs
-
-
-@dataclass(frozen=True)
-class _BothWalks(Timed):
-    damaged: Number
-    healed: Number
-
-
-@dataclass(frozen=True)
-class _InformedWalk(Timed):
-    distance: Number | None
-    gait: KeptGait | None = None
-
-
 def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
     """What is kept of a walk of so many rows; see `HealPhases._extract_path`."""
     return {
@@ -247,33 +201,41 @@ def _list_path_arrays(rows: str, prefix: str = "") -> dict[str, ArraySchema]:
     }
 
 
-_FELT = ArraySchema(("whole rows", "C"), has_gaps=True)
 _FIRST, _LAST = ("gait", "whole", "alarm"), ("healed", "walked", "known")
 _ROUND = " of "  # between a phase's name and the number of its heal, in hours of them
 # P joints, C channels; a walk has as many rows as samples
 _SCHEMAS = {
-    "gait": PhaseSchema(_MadeGait),
-    "whole": PhaseSchema(
-        _IntactWalk,
-        {**_list_path_arrays("whole rows"), "felt": _FELT},
+    "gait": declare_phase(gait=KeptGait),
+    "whole": declare_phase(
+        distance=Number,
+        felt=ArraySchema(("whole rows", "C"), has_gaps=True),
+        **_list_path_arrays("whole rows"),
     ),
-    "alarm": PhaseSchema(
-        _Alarm,
-        {
-            "angles": ArraySchema(("P",), has_gaps=True),
-            "time": ArraySchema(("windows",)),
-            "sums": ArraySchema(("windows", "sums"), has_gaps=True),
-        },
+    "alarm": declare_phase(
+        {"ways": list[Number]},
+        alarm=KeptAlarm | None,
+        threshold=Annotated[float, Field(gt=0, le=1e6)],
+        angles=ArraySchema(("P",), has_gaps=True),
+        time=ArraySchema(("windows",)),
+        sums=ArraySchema(("windows", "sums"), has_gaps=True),
     ),
-    "ask": PhaseSchema(_Action, {"values": ArraySchema((None,), has_gaps=True)}),
-    "verdict": PhaseSchema(_Verdict),
-    "healed": PhaseSchema(_HealedGait),
-    "walked": PhaseSchema(
-        _BothWalks,
-        _list_path_arrays("rows", "damaged_") | _list_path_arrays("rows", "healed_"),
+    "ask": declare_phase(
+        probe=Count,
+        why=str,
+        expected=Number,
+        believed=Beliefs,
+        values=ArraySchema((None,), has_gaps=True),
     ),
-    "known": PhaseSchema(_InformedWalk),
-    "first": PhaseSchema(_IntactWalk, _list_path_arrays("rows")),
+    "verdict": declare_phase(believed=Beliefs),
+    "healed": declare_phase(gait=KeptGait, kept=bool),
+    "walked": declare_phase(
+        damaged=Number,
+        healed=Number,
+        **_list_path_arrays("rows", "damaged_"),
+        **_list_path_arrays("rows", "healed_"),
+    ),
+    "known": declare_phase({"gait": KeptGait | None}, distance=Number | None),
+    "first": declare_phase(distance=Number, **_list_path_arrays("rows")),
 }
 
 
@@ -349,8 +311,8 @@ class HealRun(PhasedRun):
             return "the settings have not as many onsets as damages"
         if self.settings.hours:
             raised = [heal.phases.get("alarm", {}).get("alarm") for heal in self.heals]
-            stated = [event["alarm"] for event in self.result.get("events", ())]
-            if self.result and sum(map(bool, raised)) != sum(map(bool, stated)):
+            listed = [event["alarm"] for event in self.result.get("events", ())]
+            if self.result and sum(map(bool, raised)) != sum(map(bool, listed)):
                 return "the result and the phases differ in how many alarms there were"
             return ""
         left = self.list_next_phases(tuple(self.phases))

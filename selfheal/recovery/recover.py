@@ -8,13 +8,13 @@ trial-K. Without a model: hardware (evolution on the robot) in their place.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from ..body.body import Floats
-from ..damage.apply import build_damaged_plants
-from ..engine.reflex import Rollouts, scale_physics, simulate_controllers
+from ..engine.reflex import STEPS, STEPS_PER_SAMPLE, Rollouts
 from ..evolution.genetic import (
     Breeding,
     Population,
@@ -23,7 +23,7 @@ from ..evolution.genetic import (
     start_population,
 )
 from ..evolution.ranking import rank_best_first
-from ..robot.driven_robot import DrivenRobot
+from ..robot.base import DrivenRobot
 from .belief import CandidateAction, choose_action
 from .estimate import (
     GENES,
@@ -33,7 +33,7 @@ from .estimate import (
     decode_hypotheses,
     make_damage_score,
 )
-from .explain import estimate_damage
+from .explain import estimate_damage, simulate_hypotheses
 from .fit_physics import fit_physics
 from .phased_run import Document, Phase, Progress, ignore_progress, run_phases
 from .predictive_check import is_refuted
@@ -94,6 +94,15 @@ def _find_next_phase(run: RecoverRun) -> str:
     return "" if ended else left[-1 if run.unlisted else 0]
 
 
+@dataclass(frozen=True)
+class _Due:
+    """A phase that comes next: its name, the run before it, and its chances."""
+
+    name: str
+    run: RecoverRun
+    rng: np.random.Generator
+
+
 class RecoverPhases:
     """One recovery in progress."""
 
@@ -114,7 +123,7 @@ class RecoverPhases:
         kind = name.partition("-")[0]
         # where the phase stands is part of its seed, how it is reached is not
         numbers = [self.settings.seed, self.settings.scenario, len(run.phases), 42]
-        rng = np.random.default_rng(numbers)
+        due = _Due(name, run, np.random.default_rng(numbers))
         step = {
             "original": self._evolve_original,
             "failure": self._run_failure,
@@ -123,46 +132,34 @@ class RecoverPhases:
             "trial": self._run_trial,
             "hardware": self._evolve_on_robot,
         }[kind]
-        return name, step(name, run, rng)
+        return name, step(due)
 
-    def _evolve_original(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _evolve_original(self, due: _Due) -> Phase:
         """A controller of the whole robot, and how it walks with it."""
         score = self._make_displacement_score([((), 1.0)], self.no_scaling)
-        pool = self._run_search(name, score, rng, self.no_seeds, AS_DESCRIBED)
+        pool = self._run_search(due, score, self.no_seeds, AS_DESCRIBED)
         walk = self.intact.run_trials(pool.genomes[:1])
         found = _describe_walk(pool, walk)
         if self.settings.method == "ours":
-            found["trims"] = self._fit_physics(name, found, rng)
+            report = partial(self.progress, due.name, "fitting the model")
+            found["trims"] = fit_physics(
+                self.legged, pool.genomes[0], found["sensed"], due.rng, report
+            )
         return found
 
-    def _fit_physics(self, name: str, walk: Phase, rng: np.random.Generator) -> Floats:
-        """How the robot may be off its model, by how it walked."""
-
-        def report(share: float) -> None:
-            self.progress(name, "fitting the model", share)
-
-        return fit_physics(self.legged, walk["weights"], walk["sensed"], rng, report)
-
-    def _run_failure(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _run_failure(self, due: _Due) -> Phase:
         """How the broken robot walks with the controller of the whole one."""
-        return _serialize_rollout(
-            self.damaged.run_trials(run.phases["original"]["weights"][None])
-        )
+        weights = due.run.phases["original"]["weights"]
+        return _serialize_rollout(self.damaged.run_trials(weights[None]))
 
-    def _estimate_damage(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _estimate_damage(self, due: _Due) -> Phase:
         """What may have broken."""
         if self.settings.method == "ours":
-            return self._estimate_from_series(name, run, rng)
-        earlier = np.array([p["genome"] for p in run.estimates])
+            return self._estimate_from_series(due)
+        earlier = np.array([p["genome"] for p in due.run.estimates])
         seeds = earlier.reshape(-1, GENES * VALUES)
-        score = make_damage_score(self.legged, run.trials)
-        pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
+        score = make_damage_score(self.legged, due.run.trials)
+        pool = self._run_search(due, score, seeds, AS_DESCRIBED)
         (best,) = decode_hypotheses(pool.genomes[:1], self.legged)
         return {
             "believed": serialize_hypotheses([best]),
@@ -172,130 +169,109 @@ class RecoverPhases:
             "asked": pool.evaluations,
         }
 
-    def _estimate_from_series(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _estimate_from_series(self, due: _Due) -> Phase:
         """What may have broken, by the sensors' series."""
-        whole = run.phases["original"]
-
-        def report(share: float) -> None:
-            self.progress(name, f"{len(run.trials)} trials", share)
-
-        known = [h for p in run.estimates for h in read_hypotheses(p)]
+        whole, trials = due.run.phases["original"], due.run.trials
+        report = partial(self.progress, due.name, f"{len(trials)} trials")
+        known = [h for p in due.run.estimates for h in read_hypotheses(p)]
         belief = estimate_damage(
-            self.legged, whole["trims"], run.trials, whole["sensed"], known, report
+            self.legged, whole["trims"], trials, whole["sensed"], known, report
         )
-        refuted = bool(list(run.phases.values())[-1].get("refuted"))
+        refuted = bool(due.run.last.get("refuted"))
         return {
             "believed": serialize_hypotheses(belief.hypotheses),
             "probability": belief.probability.tolist(),
             "scale": belief.scale,
             "unlisted": refuted
-            and is_refuted(self.legged, whole["trims"], belief, run.trials, rng),
+            and is_refuted(self.legged, whole["trims"], belief, trials, due.rng),
         }
 
-    def _evolve_controller(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _evolve_controller(self, due: _Due) -> Phase:
         """A controller for what may have broken."""
-        if run.unlisted:
-            return self._evolve_another(name, run, rng)
-        phase = list(run.phases.values())[-1]
+        if due.run.unlisted:
+            return self._evolve_another(due)
+        phase = due.run.last
         believed = list(zip(read_hypotheses(phase), phase["probability"], strict=True))
         if self.settings.method == "ours":
-            searched = [
-                p["pool"][:_SEEDS_PER_SEARCH]
-                for p in run.phases.values()
-                if "pool" in p
-            ]
+            pools = [p["pool"] for p in due.run.phases.values() if "pool" in p]
+            searched = [pool[:_SEEDS_PER_SEARCH] for pool in pools]
             # every other search starts afresh: what crowds one basin leaves others out
             afresh = len(searched) % 2 == 0
             seeds = np.unique(np.concatenate(searched), axis=0)
             seeds = self.no_seeds if afresh else seeds
-            scaling = run.phases["original"]["trims"][0]
+            scaling = due.run.phases["original"]["trims"][0]
             score = self._make_displacement_score(_keep_plausible(believed), scaling)
-            pool = self._run_search(name, score, rng, seeds, OURS)
+            pool = self._run_search(due, score, seeds, OURS)
             scale = phase["scale"]
-            pick, why = self._choose_separating(pool, believed, scaling, scale, rng)
+            pick, why = self._choose_separating(pool, believed, scaling, scale, due.rng)
         else:
-            seeds = np.array([trial.weights for trial in run.trials])
+            seeds = np.array([trial.weights for trial in due.run.trials])
             score = self._make_displacement_score(believed, self.no_scaling)
-            pool = self._run_search(name, score, rng, seeds, AS_DESCRIBED)
+            pool = self._run_search(due, score, seeds, AS_DESCRIBED)
             pick, why = 0, "the best one"
         return _describe_choice(pool, pick, why)
 
-    def _evolve_another(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _evolve_another(self, due: _Due) -> Phase:
         """A gait of the whole robot that has nothing in common with earlier ones.
 
         What broke is not known, nor which gait does without it. Gaits of independent
         searches do without different things.
         """
-        score = self._make_displacement_score(
-            [((), 1.0)], run.phases["original"]["trims"][0]
-        )
-        pool = self._run_search(name, score, rng, self.no_seeds, OURS)
+        scaling = due.run.phases["original"]["trims"][0]
+        score = self._make_displacement_score([((), 1.0)], scaling)
+        pool = self._run_search(due, score, self.no_seeds, OURS)
         return _describe_choice(pool, 0, "another gait of the whole robot")
 
-    def _run_trial(self, name: str, run: RecoverRun, rng: np.random.Generator) -> Phase:
+    def _run_trial(self, due: _Due) -> Phase:
         """The last controller on the broken robot."""
-        weights = list(run.phases.values())[-1]["weights"]
+        weights = due.run.last["weights"]
         found = _serialize_rollout(self.damaged.run_trials(weights[None]))
         if self.settings.method == "ours":
             trial = Trial(weights, found["way"], found["sensed"])
-            found["refuted"] = not run.unlisted and is_refuted(
+            found["refuted"] = not due.run.unlisted and is_refuted(
                 self.legged,
-                run.phases["original"]["trims"],
-                read_posterior(run.estimates[-1]),
+                due.run.phases["original"]["trims"],
+                read_posterior(due.run.estimates[-1]),
                 [trial],
-                rng,
+                due.rng,
             )
         return found
 
-    def _evolve_on_robot(
-        self, name: str, run: RecoverRun, rng: np.random.Generator
-    ) -> Phase:
+    def _evolve_on_robot(self, due: _Due) -> Phase:
         """Evolution goes on, on the broken robot."""
 
         def score(genomes: Floats) -> Floats:
             return self.damaged.run_trials(genomes).displacement
 
-        kept = run.phases["original"]["pool"]
+        kept = due.run.phases["original"]["pool"]
         ways = score(kept)
         order = rank_best_first(ways)
         pool = Population(kept[order], ways[order], ways[order[:1]], len(kept))
-        steps = evolve_population(pool, score, rng, AS_DESCRIBED, HARDWARE_GENERATIONS)
+        steps = evolve_population(
+            pool, score, due.rng, AS_DESCRIBED, HARDWARE_GENERATIONS
+        )
         for step, pool in enumerate(steps):
-            self.progress(
-                name, f"best {pool.best[-1]:.2f} m", (step + 1) / HARDWARE_GENERATIONS
-            )
+            share = (step + 1) / HARDWARE_GENERATIONS
+            self.progress(due.name, f"best {pool.best[-1]:.2f} m", share)
         return _describe_walk(pool, self.damaged.run_trials(pool.genomes[:1]))
 
     def _run_search(
-        self,
-        name: str,
-        score: Score,
-        rng: np.random.Generator,
-        seeds: Floats,
-        breeding: Breeding,
+        self, due: _Due, score: Score, seeds: Floats, breeding: Breeding
     ) -> Population:
         """The search of 2004, from what earlier ones found."""
-        pool = start_population(seeds, score, rng, breeding)
+        pool = start_population(seeds, score, due.rng, breeding)
         count = self.settings.generations
-        steps = evolve_population(pool, score, rng, breeding, count - 1)
+        steps = evolve_population(pool, score, due.rng, breeding, count - 1)
         for step, pool in enumerate(steps):
-            self.progress(name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
+            self.progress(due.name, f"best {pool.best[-1]:.2f} m", (step + 2) / count)
         return pool
 
     def _simulate_hypotheses(
         self, hypotheses: list[Hypothesis], weights: Floats, scaling: Floats
     ) -> Rollouts:
         """Controllers on the scaled model as hypotheses have it, one each."""
-        return simulate_controllers(
-            scale_physics(build_damaged_plants(self.legged, hypotheses), scaling),
-            weights,
-        )
+        rows = STEPS // STEPS_PER_SAMPLE
+        return simulate_hypotheses(self.legged, scaling, hypotheses, weights, rows)
 
     def _make_displacement_score(
         self, believed: list[tuple[Hypothesis, float]], scaling: Floats
@@ -322,16 +298,14 @@ class RecoverPhases:
         if believed[0][1] >= _SURE_PROBABILITY:
             return 0, "the best one"
         doubts = believed[:_MOST_SEPARATED]
-        good = np.flatnonzero(pool.scores >= _LEAST_SHARE * pool.scores[0])[
-            :_CANDIDATES
-        ]
+        good = np.flatnonzero(pool.scores >= _LEAST_SHARE * pool.scores[0])
+        good = good[:_CANDIDATES]
         if not len(good):  # even the best goes backward
             return 0, "the best one"
         said = [h for _ in good for h, _ in doubts]
         weights = np.repeat(pool.genomes[good], len(doubts), axis=0)
-        thin = self._simulate_hypotheses(said, weights, scaling).sensors[
-            :, : len(scale) : _SAMPLE_STRIDE
-        ]
+        sensors = self._simulate_hypotheses(said, weights, scaling).sensors
+        thin = sensors[:, : len(scale) : _SAMPLE_STRIDE]
         tables = thin.reshape(len(good), len(doubts), 1, -1)
         spreads = scale[::_SAMPLE_STRIDE].ravel()
         weight = np.log(np.maximum([p for _, p in doubts], 1e-300))
@@ -344,17 +318,20 @@ def _keep_plausible(
     believed: list[tuple[Hypothesis, float]],
 ) -> list[tuple[Hypothesis, float]]:
     """The hypotheses that a controller has to suit, their probabilities made whole."""
-    kept = [
-        b for b in believed[:_MOST_HYPOTHESES] if b[1] >= _LEAST_PROBABILITY
-    ] or believed[:1]
+    likely = [b for b in believed[:_MOST_HYPOTHESES] if b[1] >= _LEAST_PROBABILITY]
+    kept = likely or believed[:1]
     total = sum(p for _, p in kept)
     return [(h, p / total) for h, p in kept]
 
 
 def _describe_choice(pool: Population, pick: int, why: str) -> Phase:
     """What a phase keeps of a search, and of the controller that is tried next."""
-    chosen = {"weights": pool.genomes[pick], "predicted": float(pool.scores[pick])}
-    return {**_serialize_population(pool), **chosen, "why": why}
+    return {
+        **_serialize_population(pool),
+        "weights": pool.genomes[pick],
+        "why": why,
+        "predicted": float(pool.scores[pick]),
+    }
 
 
 def _describe_walk(pool: Population, walk: Rollouts) -> Document:

@@ -1,7 +1,7 @@
-"""Recoveries as records: what was asked, the phases so far, the hypotheses in them."""
+"""Recoveries as records: settings, the phases so far, the hypotheses in them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -16,7 +16,14 @@ from ..robot.scenarios import SCENARIOS
 from ..schema import ArraySchema, Count, Number, PositiveCount, Probability
 from .estimate import ESTIMATED_KINDS, GENES, VALUES, Hypothesis, Trial
 from .explain import HypothesisPosterior
-from .phased_run import Document, KeptDamage, Phase, PhasedRun, PhaseSchema, Timed
+from .phased_run import (
+    Document,
+    KeptDamage,
+    Phase,
+    PhasedRun,
+    PhaseSchema,
+    declare_phase,
+)
 from .record import Distances
 
 METHODS = {
@@ -32,7 +39,7 @@ MORE_TRIALS = 4
 
 @dataclass(frozen=True)
 class RecoverSettings:
-    """What a recovery was asked to do.
+    """Settings of a recovery.
 
     Attributes:
         robot: of `body.legged.LEGGED`.
@@ -73,7 +80,6 @@ class RecoverResult:
     Attributes:
         actions: trials of the broken robot.
         distance: walked [m]; None where there was none to measure.
-        seconds: that it took [s].
     """
 
     actions: Count
@@ -81,77 +87,46 @@ class RecoverResult:
     seconds: Number
 
 
-@dataclass(frozen=True)
-class _Rollout(Timed):
-    way: Number
-
-
-@dataclass(frozen=True)
-class _Search(Timed):
-    asked: Count
-
-
-@dataclass(frozen=True)
-class _SearchAndRollout(_Rollout):
-    asked: Count
-
-
-@dataclass(frozen=True)
-class _Estimate(Timed):
-    believed: Annotated[list[tuple[KeptDamage, ...]], Field(min_length=1)]
-    probability: list[Probability]
-
-
-@dataclass(frozen=True)
-class _CheckedEstimate(_Estimate):
-    unlisted: bool
-
-
-@dataclass(frozen=True)
-class _CheckedTrial(_Rollout):
-    refuted: bool
-
-
-@dataclass(frozen=True)
-class _Controller(_Search):
-    why: str
-    predicted: Number
-
-
 # W weights of a controller, S sensors, T samples of a run, D motors, K controllers
 _SEARCH = {
+    "asked": Count,
     "pool": ArraySchema(("K", "W")),
     "best": ArraySchema(("generations",), has_gaps=True),
     "weights": ArraySchema(("W",)),
 }
 _ROLLOUT = {
+    "way": Number,
     "sensed": ArraySchema(("T", "S"), has_gaps=True),
     "path": ArraySchema(("T", 3), has_gaps=True),
 }
-_SCHEMAS = {
-    "original": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
-    "failure": PhaseSchema(_Rollout, _ROLLOUT),
-    "estimate": PhaseSchema(
-        _Estimate,
-        {
-            "genome": ArraySchema((GENES * VALUES,), low=-1.0, high=1.0),
-            "best": ArraySchema(("generations",), has_gaps=True),
-        },
-    ),
-    "explore": PhaseSchema(_Controller, _SEARCH),
-    "trial": PhaseSchema(_Rollout, _ROLLOUT),
-    "hardware": PhaseSchema(_SearchAndRollout, {**_SEARCH, **_ROLLOUT}),
+_ESTIMATE = {
+    "believed": Annotated[list[tuple[KeptDamage, ...]], Field(min_length=1)],
+    "probability": list[Probability],
 }
-_FACTORS = ArraySchema(("trims", "factors"), low=0.0, high=1e6)
+_SCHEMAS = {
+    "original": declare_phase(**_SEARCH, **_ROLLOUT),
+    "failure": declare_phase(**_ROLLOUT),
+    "estimate": declare_phase(
+        **_ESTIMATE,
+        genome=ArraySchema((GENES * VALUES,), low=-1.0, high=1.0),
+        best=ArraySchema(("generations",), has_gaps=True),
+    ),
+    "explore": declare_phase(**_SEARCH, why=str, predicted=Number),
+    "trial": declare_phase(**_ROLLOUT),
+    "hardware": declare_phase(**_SEARCH, **_ROLLOUT),
+}
 _OURS = {
-    "original": replace(
-        _SCHEMAS["original"],
-        arrays={**_SCHEMAS["original"].arrays, "trims": _FACTORS},
+    "original": declare_phase(
+        **_SEARCH,
+        **_ROLLOUT,
+        trims=ArraySchema(("trims", "factors"), low=0.0, high=1e6),
     ),
-    "estimate": PhaseSchema(
-        _CheckedEstimate, {"scale": ArraySchema(("compared", "S"), low=1e-9, high=1e6)}
+    "estimate": declare_phase(
+        **_ESTIMATE,
+        unlisted=bool,
+        scale=ArraySchema(("compared", "S"), low=1e-9, high=1e6),
     ),
-    "trial": PhaseSchema(_CheckedTrial, _ROLLOUT),
+    "trial": declare_phase(**_ROLLOUT, refuted=bool),
 }
 
 
@@ -173,6 +148,11 @@ class RecoverRun(PhasedRun):
         return [p for name, p in self.phases.items() if name.startswith("estimate")]
 
     @property
+    def last(self) -> Phase:
+        """The phase that ended last."""
+        return list(self.phases.values())[-1]
+
+    @property
     def unlisted(self) -> bool:
         """Whether no listed damage explains what the robot sensed."""
         return bool(self.estimates) and self.estimates[-1].get("unlisted", False)
@@ -181,11 +161,11 @@ class RecoverRun(PhasedRun):
     def trials(self) -> list[Trial]:
         """What the broken robot has answered so far, its failure first."""
         done = self.phases
-        asked = {"failure": "original"}
-        asked |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
+        controllers = {"failure": "original"}
+        controllers |= {f"trial-{k}": f"explore-{k}" for k in range(1, len(done) + 1)}
         return [
             Trial(done[by]["weights"], float(done[name]["way"]), done[name]["sensed"])
-            for name, by in asked.items()
+            for name, by in controllers.items()
             if name in done
         ]
 
@@ -259,8 +239,8 @@ class RecoverRun(PhasedRun):
 
     def _list_believed(self) -> list[tuple[str, Hypothesis]]:
         """Phase and damages of each hypothesis."""
-        told = {n: p for n, p in self.phases.items() if "believed" in p}
-        return [(name, h) for name, p in told.items() for h in read_hypotheses(p)]
+        beliefs = {n: p for n, p in self.phases.items() if "believed" in p}
+        return [(name, h) for name, p in beliefs.items() for h in read_hypotheses(p)]
 
 
 def serialize_hypotheses(hypotheses: Sequence[Hypothesis]) -> list[list[dict]]:
@@ -314,7 +294,7 @@ def summarize_run(run: RecoverRun) -> Document:
         "scenario": s.scenario,
         "method": s.method,
         "damage": [d.document for d in s.damage],
-        "alarm": None,  # the robot is told that it failed, in scenario 9 falsely
+        "alarm": None,  # the robot knows that it failed, in scenario 9 falsely
         "verdict": ("listed", "unlisted")[run.unlisted] if s.method == "ours" else None,
         "hypotheses": _list_marginals(run),
         "actions": spent,

@@ -40,25 +40,10 @@ from .probes import (
 SURE = 0.95  # of one kind and target: enough to act on; chosen
 MOST_ACTIONS = 12  # actions, however unsure; chosen
 _FEWEST_ACTIONS = 2  # actions, however sure: the first may have been read badly; chosen
-_SIZE_ACTIONS = 5  # actions in which a part's scale is asked for; chosen
+_SIZE_ACTIONS = 5  # actions by which a part's scale is measured; chosen
 # [nats] that an action must be expected to tell, to be taken; chosen
 _LEAST_GAIN = 0.05
 _REFINEMENTS = 4  # rounds of finer values once the kind is known
-
-
-@dataclass(frozen=True)
-class TakenAction:
-    """An action taken and what was measured.
-
-    Attributes:
-        probe: index into the probes.
-        why: it in words.
-        measured: (M) values.
-    """
-
-    probe: int
-    why: str
-    measured: Floats
 
 
 @dataclass
@@ -70,14 +55,14 @@ class DamagePosterior:
         probes: actions it may take.
         damages: H hypotheses.
         plausible: robots that walk as it did while it was whole.
-        taken: actions so far.
+        taken: measured values (M) by the index of each probe so far.
     """
 
     plant: Plant
     probes: list[Probe]
     damages: list[Damage]
     plausible: PlausiblePlants
-    taken: list[TakenAction] = field(default_factory=list)
+    taken: dict[int, Floats] = field(default_factory=dict)
     _plants: list[Plant] = field(default_factory=list)
     _tables: dict[int, Floats] = field(default_factory=dict)
     _slopes: dict[int, Floats] = field(default_factory=dict)
@@ -99,19 +84,18 @@ class DamagePosterior:
     def compute_log_weights(self) -> Floats:
         """(H) belief, from the prior and all that was measured."""
         weight = compute_log_prior(self.damages)
-        poses = [t for t in self.taken if not self._is_walk(t.probe)]
-        for action in self.taken:
-            if self._is_walk(action.probe):
-                shown = self._make_candidate(action.probe, self._tables)
-                weight = weight + score_outcomes(shown, action.measured)
+        for k, measured in self.taken.items():
+            if self._is_walk(k):
+                shown = self._make_candidate(k, self._tables)
+                weight = weight + score_outcomes(shown, measured)
+        poses = [k for k in self.taken if not self._is_walk(k)]
         if not poses:
             return weight
-        tried = [t.probe for t in poses]
-        scale = [find_residual_scale(self.probes[k], self._names) for k in tried]
+        scale = [find_residual_scale(self.probes[k], self._names) for k in poses]
         return weight + compute_log_likelihood(
-            np.concatenate([self._tables[k][:, 0] for k in tried], axis=1),
-            np.concatenate([self._slopes[k] for k in tried], axis=1),
-            np.concatenate([t.measured for t in poses]),
+            np.concatenate([self._tables[k][:, 0] for k in poses], axis=1),
+            np.concatenate([self._slopes[k] for k in poses], axis=1),
+            np.concatenate([self.taken[k] for k in poses]),
             ResidualNoise(np.concatenate(scale), DRIFT),
         )
 
@@ -130,9 +114,7 @@ class DamagePosterior:
         None where no probe can be expected to tell more. Poses are predicted by
         `statics` for this, and the walk by MuJoCo once.
         """
-        left = [
-            k for k in range(len(self.probes)) if k not in [t.probe for t in self.taken]
-        ]
+        left = [k for k in range(len(self.probes)) if k not in self.taken]
         for k in left:
             self._extend_table(self._approximations, k, self._approximate)
         weight, group = self.compute_log_weights(), self._find_open_groups()
@@ -177,28 +159,23 @@ class DamagePosterior:
             new = how(known, self.probes[k])
             tables[k] = new if old is None else np.concatenate([old, new])
 
-    def observe(self, probe: int, why: str, sensed: Floats) -> None:
-        """Take note of what a probe gave, then refine the hypotheses.
+    def observe(self, probe: int, sensed: Floats) -> None:
+        """Record the channels (S, C) that a probe gave, and refine the hypotheses."""
+        names = self._names
+        self.record_values(probe, extract_values(self.probes[probe], sensed, names))
 
-        Args:
-            sensed: (S, C) channels.
-        """
-        measured = extract_values(self.probes[probe], sensed, self._names)
-        self.record_action(TakenAction(probe, why, measured))
-
-    def record_action(self, action: TakenAction) -> None:
-        """Take note of an action that was taken, here or in an earlier process."""
-        self.taken.append(action)
-        if (
-            self.probes[action.probe].target is None
-            and action.probe in self._approximations
-        ):
-            self._tables[action.probe] = self._approximations[
-                action.probe
-            ]  # exact as it is
-        self._extend_table(self._tables, action.probe, self._predict)
-        self._extend_table(self._slopes, action.probe, self._compute_slopes)
+    def record_values(self, probe: int, measured: Floats) -> None:
+        """Record values (M) of a probe, taken here or in an earlier process."""
+        self.taken[probe] = measured
+        if self._is_walk(probe) and probe in self._approximations:
+            self._tables[probe] = self._approximations[probe]  # exact as it is
+        self._extend_tables(probe)
         self._refine_hypotheses(3)
+
+    def _extend_tables(self, probe: int) -> None:
+        """Predict what a probe that was taken shows of hypotheses that are new."""
+        self._extend_table(self._tables, probe, self._predict)
+        self._extend_table(self._slopes, probe, self._compute_slopes)
 
     def refine_values(self) -> None:
         """Refine the values of the likeliest hypothesis until they are fine."""
@@ -211,9 +188,8 @@ class DamagePosterior:
         new = refine_damages(self.damages, self.compute_log_weights(), count)
         self.damages += new
         self._plants += [apply_damages(self.plant, damage) for damage in new]
-        for action in self.taken:
-            self._extend_table(self._tables, action.probe, self._predict)
-            self._extend_table(self._slopes, action.probe, self._compute_slopes)
+        for probe in self.taken:
+            self._extend_tables(probe)
         return bool(new)
 
     def rank_damages(self) -> list[tuple[Damage, float]]:

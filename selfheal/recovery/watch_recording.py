@@ -56,12 +56,11 @@ def watch_recording(
     Raises:
         InputError: nothing that can be compared, or too short.
     """
-    a = body.anatomy
     moving = {k: e for k, e in recording.episodes.items() if not _is_at_rest(e)}
     found = [_watch_episode(body, recording, k, learn, cycle) for k in moving]
     resting = [k for k in recording.episodes if k not in moving]
     if resting:
-        found.append(_watch_rest_episodes(body, recording, resting, a))
+        found.append(_watch_rest_episodes(body, recording, resting))
     return found
 
 
@@ -78,10 +77,9 @@ def _resample_commands(episode: Episode, anatomy: Anatomy, where: str) -> Floats
         RecordingError: a servo of the body has no command.
     """
     columns = _find_servo_columns(episode, anatomy, where)
-    rows = round((episode.time[-1] - _find_begin(episode)) / SAMPLE) * round(
-        SAMPLE / PERIOD
-    )
-    middle = _find_begin(episode) + (np.arange(rows) + 0.5) * PERIOD
+    begin, held = _find_begin(episode), round(SAMPLE / PERIOD)
+    rows = round((episode.time[-1] - begin) / SAMPLE) * held
+    middle = begin + (np.arange(rows) + 0.5) * PERIOD
     row = np.searchsorted(episode.time, middle, side="right") - 1
     return episode.ctrl[np.maximum(row, 0)][:, columns]
 
@@ -118,9 +116,8 @@ def _watch_episode(
     time, measured = read_channels(recording, body.anatomy, name)
     begin = _find_begin(episode)
     grid = np.arange(1, round((time[-1] - begin) / SAMPLE) + 1) * SAMPLE
-    now = np.stack(
-        [_resample_channel(begin + grid, time, c) for c in measured.T], axis=1
-    )
+    columns = [_resample_channel(begin + grid, time, c) for c in measured.T]
+    now = np.stack(columns, axis=1)
     plants = [build_rated_plant(body)]
     predicted = compute_channels(simulate_walks(plants, commands[None]), plants)[0]
     blind = np.isnan(now).any(axis=0)
@@ -170,9 +167,10 @@ def _find_period(commands: Floats) -> float:
 
 
 def _watch_rest_episodes(
-    body: Bodies, recording: Recording, names: list[str], anatomy: Anatomy
+    body: Bodies, recording: Recording, names: list[str]
 ) -> Document:
     """Episodes of one reading at rest each."""
+    anatomy = body.anatomy
     channels, plants = list_channels(anatomy), [build_rated_plant(body)]
     measured, expected = [], []
     for name in names:

@@ -1,19 +1,23 @@
 """What a robot is to this program."""
 
 from pathlib import Path
-from typing import Protocol, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 from ..body.body import Anatomy, Bodies, Floats
+from ..body.legged import LeggedRobot
 from ..damage.kinds import Damage
 from ..errors import InputError
 from ..recording import Recording
+
+if TYPE_CHECKING:
+    from ..engine.reflex import Rollouts
 
 
 class Robot(Protocol):
     """Something that acts and returns its readings.
 
     Attributes:
-        name: as asked for.
+        name: by which it was opened.
         anatomy: what it knows of its parts.
         actions: (A, P) joint targets that it offers [rad].
         truth: its real body (batch of one) for reports, None if nobody knows it.
@@ -61,6 +65,28 @@ class Walker(Mover, Protocol):
 
         A robot that was struck already keeps what happened to it before.
         """
+        ...
+
+
+class DrivenRobot(Protocol):
+    """A legged robot that knows its body, and runs under neural controllers."""
+
+    @property
+    def legged(self) -> LeggedRobot:
+        """Its body as it was built."""
+        ...
+
+    def run_trials(self, weights: Floats) -> "Rollouts":
+        """Run from rest under controllers (N, synapses), one after the other.
+
+        Returns:
+            What it sensed and how far it came; the path is for reports, nobody who
+            recovers the robot may look at it.
+        """
+        ...
+
+    def struck(self, damage: tuple[Damage, ...]) -> "DrivenRobot":
+        """This robot after a damage."""
         ...
 
 

@@ -1,7 +1,7 @@
 """Robots described in a file: a TOML or an MJCF in; what the robot knows of its parts.
 
 What answers is a recording, a Python class, or a simulation of a body that the file
-states and that is hidden from who identifies it.
+describes and that is hidden from who identifies it.
 """
 
 import fnmatch
@@ -58,14 +58,13 @@ class PartKind:
     """Parts that are alike.
 
     Attributes:
-        names: of the parts.
         length: [m].
         radius: [m].
         mass: of the rod [kg].
         joints: that move them; empty: named as the parts.
         hinge: a name of `HINGE_NAMES`: where a positive angle moves the outer end.
         bend: how far a part leaves its parent downward, at zero angle [deg].
-        foot: whether its tip feels the floor.
+        foot: whether its tip has a touch sensor.
         housing: at the joint.
     """
 
@@ -116,12 +115,8 @@ class Description:
     """A robot as its file describes it.
 
     Attributes:
-        name: of the robot.
-        torso: of it.
-        parts: by kinds.
         sensors: as `engine.channels` names them; a `*` stands for all parts, or those
             whose names fit.
-        actions: that it offers.
         body: of a simulated robot: by part, what it is attached to and at which side of
             that, as "torso left" or, a fifth along that side, "torso left 0.2".
         driver: FILE.py:CLASS of the real one, beside the description.
@@ -243,10 +238,10 @@ def _parse_place(part: str, place: str) -> tuple[str, str, float]:
 
 
 def build_truth(described: Description, anatomy: Anatomy) -> Bodies | None:
-    """The body that a description states, None where it states none.
+    """The body that a description has, None where it has none.
 
     Raises:
-        InputError: a part is missing or hangs on what does not come before it.
+        InputError: a part is missing, or its parent does not come before it.
     """
     if not described.body:
         return None

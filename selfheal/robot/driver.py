@@ -32,15 +32,7 @@ class Driver(Protocol):
 
 @dataclass(frozen=True)
 class DrivenByClass:
-    """A real robot behind a Python class; see `base.Robot`.
-
-    Attributes:
-        name: of the robot.
-        anatomy: what it knows of its parts.
-        actions: (A, P) joint targets that it offers [rad].
-        driver: moves it.
-        truth: nobody knows it.
-    """
+    """A real robot behind a Python class; see `base.Robot` for the attributes."""
 
     name: str
     anatomy: Anatomy
@@ -127,7 +119,7 @@ def drive_by_class(
         truth: its body, None if nobody knows it.
 
     Raises:
-        InputError: there is no such file or class, or it lacks a method.
+        InputError: there is no such file or class, or a method is missing.
     """
     made = _load_driver(path, driver)
     kind = FollowsByClass if callable(getattr(made, "follow", None)) else DrivenByClass
@@ -138,7 +130,7 @@ def _load_driver(path: str, driver: str) -> Driver:
     """The object of a class that moves a robot.
 
     Raises:
-        InputError: there is no such file or class, or it lacks a method.
+        InputError: there is no such file or class, or a method is missing.
     """
     file, _, name = driver.rpartition(":")
     place = Path(path).parent / file

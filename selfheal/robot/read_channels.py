@@ -32,7 +32,7 @@ def read_channels(
         episode: name of the episode; None = the first.
 
     Returns:
-        Time (S) [s] and channels (S, C); a signal that the recording lacks is NaN.
+        Time (S) [s] and channels (S, C); a signal that is missing is NaN.
 
     Raises:
         RecordingError: none of the signals is there, or one has too many columns.

@@ -17,11 +17,7 @@ class ReplayRobot:
     """Answers an action with the episode that holds it; see `base.Robot`.
 
     Attributes:
-        name: as asked for.
-        anatomy: what it knows of its parts.
         actions: (A, P) joint targets that the recording holds [rad].
-        truth: its real body (batch of one), None if nobody knows it.
-        recording: that it answers from.
         episodes: name of the episode of each action.
     """
 
@@ -48,7 +44,7 @@ def replay(
         truth: its body, None if nobody knows it.
 
     Raises:
-        RecordingError: an episode lacks a servo of the anatomy or a reading of its
+        RecordingError: an episode has no command of a servo, or no reading of the
             sensors at its last sample.
     """
     servos = [f"{joint}_servo" for joint in anatomy.joints]

@@ -43,7 +43,7 @@ def read_rest_channels(recording: Recording, anatomy: Anatomy) -> Floats:
     torso's frame (3) [m], torques are of joints [N m].
 
     Raises:
-        RecordingError: it lacks a signal, but for that of clearance, or its last
+        RecordingError: a signal is missing, but for that of clearance, or its last
             sample.
     """
     (name, episode), *_ = recording.episodes.items()

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,9 @@ from ..recording import Recording
 from .actions import list_actions_2006, load_published_body
 from .base import refuse_arguments
 from .rest_readings import make_rest_episode, revert_channels
+
+if TYPE_CHECKING:
+    from ..body.mjcf import Physics
 
 # Size of errors seen in the 2006 data (papers.md 1.1): servos miss by 1.2 degrees on
 # average, half of it (chosen) the same in every action; tilts are read to 0.1 to 0.5
@@ -92,9 +96,7 @@ class SimulatedRobot:
         """The true readings (1) at rest, servo errors drawn first from `rng`."""
         from ..engine.mujoco import MuJoCo
 
-        physics, body, offset = self._draw_hidden_physics(
-            np.random.default_rng([self.seed, 0])
-        )
+        physics, body, offset = self._draw_hidden_physics()
         noise = rng.normal(0, _SERVO_NOISE, offset.shape)
         reached = self.actions[action] + offset + noise
         return MuJoCo(physics).simulate(body, reached[None])
@@ -103,9 +105,7 @@ class SimulatedRobot:
         """Follow commands (T, P) [rad] over time; see `base.Walker`."""
         from .simulated_walk import draw_hidden_plant, simulate_move
 
-        physics, body, offset = self._draw_hidden_physics(
-            np.random.default_rng([self.seed, 0])
-        )
+        physics, body, offset = self._draw_hidden_physics()
         rng = np.random.default_rng([self.seed, 4])
         hidden = draw_hidden_plant(physics, body, offset, rng)
         noise = np.random.default_rng([self.seed, 5, trial])
@@ -119,10 +119,11 @@ class SimulatedRobot:
         strikes = sorted((*self.strikes, *new), key=lambda strike: strike.time)
         return replace(self, strikes=tuple(strikes))
 
-    def _draw_hidden_physics(self, rng: np.random.Generator) -> tuple:
+    def _draw_hidden_physics(self) -> "tuple[Physics, Bodies, Floats]":
         """Physics, body and servo offsets (P) that differ from the self-model's."""
         from ..body.mjcf import Physics
 
+        rng = np.random.default_rng([self.seed, 0])
         physics = Physics(
             timestep=0.001,
             friction=rng.uniform(0.5, 1.2),

@@ -29,7 +29,7 @@ class SimulatedLegs:
     damage: tuple[Damage, ...] = ()
 
     def run_trials(self, weights: Floats) -> Rollouts:
-        """Run under controllers (N, synapses); see `driven_robot.DrivenRobot`."""
+        """Run under controllers (N, synapses); see `base.DrivenRobot`."""
         return simulate_controllers(self._build_hidden_plants(len(weights)), weights)
 
     def struck(self, damage: tuple[Damage, ...]) -> "SimulatedLegs":

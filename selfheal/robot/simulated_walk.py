@@ -29,21 +29,21 @@ def draw_hidden_plant(
     Args:
         offset: (P) of each joint's zero [rad].
     """
-    stated = build_rated_plant(body)
+    rated = build_rated_plant(body)
     off = rng.uniform(1 - _RATED_DEVIATION, 1 + _RATED_DEVIATION, 2)
     ends = rng.uniform(1 - _RATED_DEVIATION, 1 + _RATED_DEVIATION, 2)
     return replace(
-        stated,
+        rated,
         physics=replace(
             physics,
             timestep=0.002,
             kp=float(rng.uniform(*_STIFF)),
             kv=float(rng.uniform(*_DRAG)),
         ),
-        torque=stated.torque * off[0],
-        speed=stated.speed * off[1],
-        low=stated.low * ends[0],
-        high=stated.high * ends[1],
+        torque=rated.torque * off[0],
+        speed=rated.speed * off[1],
+        low=rated.low * ends[0],
+        high=rated.high * ends[1],
         delay=float(rng.choice(_DELAYS)),
         backlash=float(rng.uniform(*_PLAY)),
         offset=offset,

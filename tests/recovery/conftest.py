@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.recovery import fit_physics
+from selfheal.recovery.fit_physics import fit_physics
 from selfheal.robot.simulated_legs import SimulatedLegs
 from tests.support.short_recover import QUADRUPED, ignore_progress
 
@@ -14,8 +14,6 @@ def mismatched(walker):
     robot = SimulatedLegs(QUADRUPED, 0, gap=0.05)
     before = robot.run_trials(walker[None]).sensors[0]
     rng = np.random.default_rng(0)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fit_physics, "_FIRST_SEARCHES", 6)
-        patch.setattr(fit_physics, "_HORIZONS", (20, 30, 40, 60))
-        found = fit_physics.fit_physics(QUADRUPED, walker, before, rng, ignore_progress)
+    rungs = ((20, 6), (30, 6), (40, 5), (60, 5))
+    found = fit_physics(QUADRUPED, walker, before, rng, ignore_progress, rungs)
     return robot, before, found

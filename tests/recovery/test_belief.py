@@ -93,14 +93,11 @@ def test_an_unknown_drift_blurs_what_moves_with_it_alone():
 
 def test_the_action_that_separates_groups_is_chosen():
     group = np.array([0, 0, 1, 1])
-    same, values, apart = (
-        np.zeros((4, 1)),
-        [[0.0], [9], [0], [9]],
-        [[0.0], [0], [9], [9]],
-    )
+    same, values, apart = 4 * [0.0], [0.0, 9, 0, 9], [0.0, 0, 9, 9]
     rng = np.random.default_rng(0)
     shown = [
-        CandidateAction(np.array(t)[:, None], np.ones(1)) for t in (same, values, apart)
+        CandidateAction(np.reshape(table, (4, 1, 1)), np.ones(1))
+        for table in (same, values, apart)
     ]
     best, left = choose_action(shown, np.zeros(4), group, rng)
     assert best == 2
@@ -114,17 +111,15 @@ def test_the_prior_says_that_something_happened_and_no_kind_is_likelier():
     assert prior.sum() == pytest.approx(1)
     assert damages[0] == INTACT and prior[0] == pytest.approx(0.05)
     share = sum_over_groups(prior, group)
-    kinds = {kind: sum(s for s, n in zip(share, names, strict=True) if n[0] == kind)
-             for kind, _ in names}  # fmt: skip
-    del kinds["none"]
-    assert np.ptp(list(kinds.values())) == pytest.approx(0, abs=1e-12)
+    kinds = np.array([kind for kind, _ in names])
+    sums = [share[kinds == kind].sum() for kind in {*kinds} - {"none"}]
+    assert np.ptp(sums) == pytest.approx(0, abs=1e-12)
 
 
 def test_values_grow_finer_round_the_best_until_they_are_fine():
     damages, truth = list_damages(ANATOMY, np.zeros(8)), 0.43
     for _ in range(12):
-        here = [d.target == "body:left_upper" and d.kind == "part_scale"
-                for d in damages]  # fmt: skip
+        here = [d.place == ("part_scale", "body:left_upper") for d in damages]
         gap = np.array([abs(d.value - truth) for d in damages])
         new = refine_damages(damages, np.where(here, -50 * gap, -99.0), 1)
         if not new:
@@ -137,8 +132,9 @@ def test_values_grow_finer_round_the_best_until_they_are_fine():
 
 
 def test_a_slope_is_refined_in_tilt_and_direction():
-    slopes = [Damage("slope", "world", np.radians(t), a)
-              for t in (5, 10, 15) for a in np.radians((0, 90, 180, 270))]  # fmt: skip
+    azimuths = np.radians((0, 90, 180, 270))
+    tilts = np.radians((5, 10, 15))
+    slopes = [Damage("slope", "world", t, a) for t in tilts for a in azimuths]
     weight = np.where(np.arange(12) == 5, 0.0, -9.0)
     new = refine_damages(slopes, weight, 1)
     assert {round(float(np.degrees(d.azimuth))) for d in new} >= {45, 135}

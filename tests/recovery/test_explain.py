@@ -23,8 +23,9 @@ from tests.support.short_recover import (
 )
 
 MOTOR = Damage("weak_motor", "actuator:right_front_hip_servo", 0.4)
-KNOWN = [LOST, LOWER, JAM, DEAF, replace(MOTOR, value=0.3), replace(MOTOR, value=0.6),
-         Damage("slope", value=0.1), Damage("ground_friction", value=0.2)]  # fmt: skip
+WORLD = [Damage("slope", value=0.1), Damage("ground_friction", value=0.2)]
+MOTORS = [replace(MOTOR, value=0.3), replace(MOTOR, value=0.6)]
+KNOWN = [LOST, LOWER, JAM, DEAF, *MOTORS, *WORLD]
 
 
 @pytest.mark.parametrize(

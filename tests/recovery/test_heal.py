@@ -10,12 +10,17 @@ from selfheal import files
 from selfheal.damage.words import parse_damages
 from selfheal.errors import InputError, RunFileError
 from selfheal.gait.rival_bodies import select_rival_bodies
-from selfheal.gait.synthesis import Gait
+from selfheal.gait.synthesis import Gait, LikelyPlants
 from selfheal.recovery import phases
 from selfheal.recovery.heal import check_same_body, heal_robot
-from selfheal.recovery.phased_run import load_phased_run, save_phased_run
+from selfheal.recovery.phased_run import (
+    ignore_progress,
+    load_phased_run,
+    save_phased_run,
+)
 from selfheal.recovery.phases import make_robot_states
 from selfheal.recovery.record import HealRun, HealSettings
+from selfheal.recovery.recover_run import RecoverRun
 from selfheal.report.heal import make_heal_page
 from selfheal.robot.base import require_walker
 from selfheal.robot.open_robot import open_robot
@@ -23,6 +28,7 @@ from tests.support.damaged.members import NEVER_FIT, make_damaged_copies
 from tests.support.short_heal import BODY, GENES, PLACEMENT, identified, robot
 
 pytestmark = pytest.mark.usefixtures("short_heal")
+NOSE = {"kind": "limb_loss", "target": "body:nose"}
 
 
 def _heal(said, run=None):
@@ -65,21 +71,6 @@ def test_the_result_is_what_the_contract_says(steps):
     assert list(result["predicted"]) == ["intact", "healed"]
 
 
-def _told(run):
-    """All of a heal but how long it took, as text."""
-    told = [*run.phases.items(), ("result", run.result)]
-    whole = [(name, {**what, "seconds": 0}) for name, what in told]
-    return json.dumps(whole, default=np.ndarray.tolist, sort_keys=True)
-
-
-@pytest.mark.slow
-def test_a_heal_that_was_killed_goes_on_to_the_same_end(steps, tmp_path):
-    save_phased_run(steps[4], tmp_path / "heal.h5")  # after the second action
-    kept = load_phased_run(tmp_path / "heal.h5", HealRun)
-    assert list(kept.phases) == ["gait", "whole", "alarm", "ask-01", "ask-02"]
-    assert _told(_heal("right_lower:0.1", kept)[-1]) == _told(steps[-1])
-
-
 @pytest.mark.parametrize("new_is_good", [True, False])
 def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
     monkeypatch, new_is_good
@@ -92,9 +83,10 @@ def test_of_a_new_gait_and_the_old_one_the_robot_keeps_what_gets_it_farther(
     settings = HealSettings("", parse_damages("friction:0.8", BODY.anatomy), 12.0)
     robots = make_robot_states(robot(), settings)
     work = phases.HealPhases(
-        robots, BODY, np.ones(1), settings, lambda *told: None, phases.Past()
+        robots, BODY, np.ones(1), settings, ignore_progress, phases.Past()
     )
-    assert work._try_gaits("healed", work.plants, [1.0], old).genes is good.genes
+    kept = work.try_gaits("healed", LikelyPlants(work.plants), old)
+    assert kept.genes is good.genes
 
 
 def test_a_finished_heal_is_not_done_again(steps, tmp_path):
@@ -126,10 +118,9 @@ def test_a_heal_with_a_member_replaced_is_refused_or_fits_its_run(
         ("ask-01", {"probe": 99}, "probe of action 1 is 99; would fit: 0 to 72"),
         ("ask-01", {"values": np.zeros(3)}, "action 1 has 3 values; would fit: "),
         ("whole", {"angles": np.zeros((5, 3))}, "whole has 3 columns; would fit: 8"),
-        ("verdict", {"believed": [{"kind": "limb_loss", "target": "body:nose"}]},
-         "target 'body:nose'; would fit: left_upper"),
+        ("verdict", {"believed": [NOSE]}, "target 'body:nose'; would fit: left_upper"),
     ],
-)  # fmt: skip
+)
 def test_a_heal_of_another_body_is_not_gone_on_with(steps, name, changes, said):
     run = steps[-1]
     phases = {**run.phases, name: {**run.phases[name], **changes}}
@@ -162,11 +153,12 @@ def test_the_page_of_a_heal_that_nothing_called_for(steps):
     assert "no alarm" in make_heal_page(quiet, BODY)
 
 
-def test_a_file_that_is_no_heal_is_refused(tmp_path):
+@pytest.mark.parametrize("kind", [HealRun, RecoverRun])
+def test_a_file_of_something_else_is_refused(tmp_path, kind):
     (tmp_path / "x.h5").write_text("nothing")
     for name in ("x.h5", "y.h5"):
         with pytest.raises(RunFileError, match=name):
-            load_phased_run(tmp_path / name, HealRun)
+            load_phased_run(tmp_path / name, kind)
 
 
 def test_a_part_a_little_askew_is_believed_to_be_straight(tmp_path):

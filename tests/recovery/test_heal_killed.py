@@ -8,7 +8,7 @@ import pytest
 
 from selfheal.recovery.phased_run import load_phased_run
 from selfheal.recovery.record import HealRun
-from tests.support.killed_process import selfheal, told
+from tests.support.killed_process import read_run, selfheal
 from tests.support.short_heal import identified
 
 BEFORE = """
@@ -42,6 +42,6 @@ def test_a_heal_killed_again_and_again_ends_as_one_that_was_not(tmp_path):
     assert ended.returncode == 0, ended.stderr
     left = {path.name for path in file.parent.iterdir()}
     assert left == {"heal.h5", "report.html"}  # nothing of the killed ones
-    assert told(file, HealRun) == told(tmp_path / "whole" / "heal.h5", HealRun)
+    assert read_run(file, HealRun) == read_run(tmp_path / "whole" / "heal.h5", HealRun)
     printed = (json.loads(made.stdout) for made in (ended, whole))
     assert len({json.dumps({**said, "seconds": 0}) for said in printed}) == 1

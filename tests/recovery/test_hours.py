@@ -1,6 +1,5 @@
 """Hours of walking: each heal goes on from the last, and every alarm is told once."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -12,10 +11,10 @@ from selfheal.errors import InputError, RunFileError
 from selfheal.gait.synthesis import measure_distance
 from selfheal.recovery.hours import (
     PAUSE,
-    _list_events,
     check_hours,
     heal_for_hours,
     list_believed,
+    list_events,
     list_walks,
 )
 from selfheal.recovery.phased_run import load_phased_run, save_phased_run
@@ -24,6 +23,7 @@ from selfheal.recovery.record import HealRun, HealSettings
 from selfheal.report.heal import describe_alarm
 from selfheal.report.hours import format_events, make_hours_page
 from tests.support.browser import draw_nothing
+from tests.support.killed_process import format_run
 from tests.support.short_heal import BODY, robot
 
 pytestmark = pytest.mark.usefixtures("short_heal")
@@ -31,9 +31,12 @@ DEAD = Damage("sensor_dead", "sensor:clearance")
 WEAK = Damage("weak_motor", "actuator:left_hip_servo", 0.3)
 STRIKES = (Strike(80.0, DEAD), Strike(130.0, WEAK))
 SETTINGS = HealSettings(
-    "run.h5", tuple(s.damage for s in STRIKES), seed=1, hours=230 / 3600,
+    "run.h5",
+    tuple(s.damage for s in STRIKES),
+    seed=1,
+    hours=230 / 3600,
     onsets=tuple(s.time for s in STRIKES),
-)  # fmt: skip
+)
 
 
 def _walk(run=None):
@@ -81,26 +84,20 @@ def test_terminal_page_and_json_have_the_alarm_from_one_field(steps):
         assert f">{row[2]}<" in page
 
 
-def _told(run):
-    told = [*run.phases.items(), ("result", run.result)]
-    whole = [(name, {**what, "seconds": 0}) for name, what in told]
-    return json.dumps(whole, default=np.ndarray.tolist, sort_keys=True)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gait", "alarm of 1", "first of 1", "alarm of 2"])
 def test_hours_that_were_killed_go_on_to_the_same_end(steps, tmp_path, name):
     (begun,) = (s for s in steps if [*s.phases][-1] == name and not s.result)
     save_phased_run(begun, tmp_path / "heal.h5")
     kept = load_phased_run(tmp_path / "heal.h5", HealRun)
-    assert _told(_walk(kept)[-1]) == _told(steps[-1])
+    assert format_run(_walk(kept)[-1]) == format_run(steps[-1])
 
 
 def test_a_file_of_hours_is_read_as_it_was_written(steps, tmp_path):
     save_phased_run(steps[-1], tmp_path / "heal.h5")
     kept = load_phased_run(tmp_path / "heal.h5", HealRun)
     assert kept.settings == SETTINGS
-    assert _told(kept) == _told(steps[-1])
+    assert format_run(kept) == format_run(steps[-1])
 
 
 @pytest.mark.parametrize(
@@ -132,15 +129,16 @@ def _make_run(alarms, strikes):
             f"whole of {k}": {"distance": 1.0},
             f"alarm of {k}": {"alarm": alarm if time else None},
             f"verdict of {k}": {"believed": [none]},
-            f"healed of {k}": {}, f"first of {k}": {"distance": 1.0},
+            f"healed of {k}": {},
+            f"first of {k}": {"distance": 1.0},
             f"walked of {k}": {"damaged": 1.0, "healed": 1.0},
-        }  # fmt: skip
+        }
     damage, onsets = (DEAD,) * len(strikes), tuple(map(float, strikes))
     return HealRun(HealSettings("", damage, hours=1.0, onsets=onsets), phases)
 
 
 @pytest.mark.parametrize(
-    ("alarms", "strikes", "told"),
+    ("alarms", "strikes", "expected"),
     [
         ([100.0], [99], [(99.0, 100.0)]),
         ([100.0], [], [(None, 100.0)]),  # false
@@ -151,11 +149,11 @@ def _make_run(alarms, strikes):
         ([100.0], [5000], [(None, 100.0)]),  # it never came to that
     ],
 )
-def test_an_alarm_is_for_the_last_damage_before_it_or_false(alarms, strikes, told):
-    events = _list_events(_make_run(alarms, strikes), 3600.0)
-    found = [(e["damage"] and e["time"], e["alarm"] and e["alarm"]["time"])
-             for e in events]  # fmt: skip
-    assert found == told
+def test_an_alarm_is_for_the_last_damage_before_it_or_false(alarms, strikes, expected):
+    events = list_events(_make_run(alarms, strikes), 3600.0)
+    onsets = [event["damage"] and event["time"] for event in events]
+    alarmed = [event["alarm"] and event["alarm"]["time"] for event in events]
+    assert list(zip(onsets, alarmed, strict=True)) == expected
 
 
 @pytest.mark.parametrize("hours", [0.0, -1.0, 0.03, 1e9, np.nan])

@@ -9,7 +9,7 @@ from selfheal.engine.plant import build_rated_plant
 from selfheal.engine.walk import compute_channels, list_channels, simulate_walks
 from selfheal.gait.synthesis import Gait, randomize_plant
 from selfheal.recovery.plausible_plants import (
-    _compute_effective_share,
+    compute_effective_share,
     find_plausible_plants,
     predict_walk,
 )
@@ -76,10 +76,10 @@ def test_a_damage_changes_the_walk_of_every_plausible_plant(other):
 def test_values_that_change_together_are_worth_one_and_others_themselves():
     rng = np.random.default_rng(6)
     same = np.repeat(rng.normal(size=(4000, 1)), 8, axis=1)
-    assert _compute_effective_share(same) == pytest.approx(1 / 8)
-    assert _compute_effective_share(rng.normal(size=(4000, 8))) == pytest.approx(
+    assert compute_effective_share(same) == pytest.approx(1 / 8)
+    assert compute_effective_share(rng.normal(size=(4000, 8))) == pytest.approx(
         1, abs=0.05
     )
-    assert _compute_effective_share(np.column_stack([same, 0 * same])) == pytest.approx(
+    assert compute_effective_share(np.column_stack([same, 0 * same])) == pytest.approx(
         1 / 8
     )

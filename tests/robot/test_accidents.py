@@ -79,8 +79,8 @@ def test_nothing_breaks_that_is_gone():
 
 
 def test_what_grows_comes_back_in_equal_steps():
-    growing = [Counter(strike.damage for strike in _draw(seed, 9000.0))
-               for seed in range(40)]  # fmt: skip
+    drawn = [_draw(seed, 9000.0) for seed in range(40)]
+    growing = [Counter(strike.damage for strike in strikes) for strikes in drawn]
     steps = [(d, n) for found in growing for d, n in found.items() if n > 1]
     assert steps
     assert all(d.kind in ("part_scale", "weak_motor") and n <= 3 for d, n in steps)

@@ -59,8 +59,8 @@ def _drive(tmp_path, code):
     """The file of an arm for which a class of this code answers, if there is one."""
     if code is not None:
         write_file(tmp_path / "arm_driver.py", code)
-    return _describe(tmp_path, ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]'),
-                     name="real.toml")  # fmt: skip
+    change = ("[torso]", 'driver = "arm_driver.py:Arm"\n[torso]')
+    return _describe(tmp_path, change, name="real.toml")
 
 
 def test_what_a_file_says_is_what_the_robot_knows(tmp_path):
@@ -70,8 +70,8 @@ def test_what_a_file_says_is_what_the_robot_knows(tmp_path):
     assert known.joints == ("fore", "hand", "shoulder")
     assert known.hinges == (2, 2, 0) and known.fixed and not known.ordered
     np.testing.assert_allclose(known.bends, [0, 0, np.pi / 2])
-    assert known.sensors == ("position:fore", "position:hand", "position:upper",
-                             "gravity:hand")  # fmt: skip
+    tips = ("position:fore", "position:hand", "position:upper")
+    assert known.sensors == (*tips, "gravity:hand")
     assert robot.truth.parent.tolist() == [[3, 1, 0]]
     assert robot.actions.shape == (6, 3)  # of three joints, singly and in pairs
 
@@ -85,22 +85,25 @@ def test_a_part_that_hangs_down_points_down(tmp_path):
     np.testing.assert_allclose((tips - roots)[2], [0, 0, -0.2], atol=1e-12)
 
 
-@pytest.mark.parametrize("change, said", [
-    (('hinge = "left"', 'hinge = "sideways"'), "unknown hinge 'sideways'"),
-    (("length = 0.2", "length = -0.2"), r"parts\[1\].length"),
-    (("mass = 1.2", "weight = 1.2"), "torso.mass is missing"),
-    (('names = ["upper"]', 'names = ["hand"]'), "two parts are named 'hand'"),
-    (('upper = "torso front"', 'upper = "hand front"'), "hangs on itself"),
-    (('upper = "torso front"', 'upper = "torso top"'), "unknown side of torso 'top'"),
-    (('upper = "torso front"', 'upper = ""'), "would fit: torso left"),
-    (('hand = "fore front"', ""), "differ in hand"),
-    (('"gravity:hand"', '"torque:finger"'), "unknown part of sensor torque 'finger'"),
-    (('"gravity:hand"', '"clearance"'), "says nothing of a robot that is fixed"),
-    (("ordered = false", "ordered = true"), "unknown place of fore"),
-    (('joints = ["shoulder"]', 'joints = ["a", "b"]'), "2 joints of 1 parts"),
-])  # fmt: skip
-def test_what_does_not_fit_is_said_of_its_place(tmp_path, change, said):
-    path = _describe(tmp_path, change)
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('hinge = "left"', 'hinge = "sideways"', "unknown hinge 'sideways'"),
+        ("length = 0.2", "length = -0.2", r"parts\[1\].length"),
+        ("mass = 1.2", "weight = 1.2", "torso.mass is missing"),
+        ('names = ["upper"]', 'names = ["hand"]', "two parts are named 'hand'"),
+        ('upper = "torso front"', 'upper = "hand front"', "hangs on itself"),
+        ('upper = "torso front"', 'upper = "torso top"', "unknown side of torso 'top'"),
+        ('upper = "torso front"', 'upper = ""', "would fit: torso left"),
+        ('hand = "fore front"', "", "differ in hand"),
+        ('"gravity:hand"', '"torque:finger"', "unknown part of sensor torque 'finger'"),
+        ('"gravity:hand"', '"clearance"', "says nothing of a robot that is fixed"),
+        ("ordered = false", "ordered = true", "unknown place of fore"),
+        ('joints = ["shoulder"]', 'joints = ["a", "b"]', "2 joints of 1 parts"),
+    ],
+)
+def test_what_does_not_fit_is_said_of_its_place(tmp_path, old, new, said):
+    path = _describe(tmp_path, (old, new))
     with pytest.raises(InputError, match=f"^{re.escape(path)}: .*{said}"):
         open_robot(path)
 
@@ -108,7 +111,7 @@ def test_what_does_not_fit_is_said_of_its_place(tmp_path, change, said):
 def test_a_robot_for_which_nothing_answers_is_refused(tmp_path):
     text = ARM[: ARM.index("[body]")]
     path = write_file(tmp_path / "real.toml", text)
-    with pytest.raises(InputError, match="nothing answers.*--recordings.*driver"):
+    with pytest.raises(InputError, match=r"nothing answers.*--recordings.*driver"):
         open_robot(str(path))
 
 
@@ -146,10 +149,9 @@ def test_a_class_that_does_not_fit_is_refused(tmp_path):
     for code, said in (
         (None, "arm_driver.py"),
         ("class Arm:\n    def move(self, t): ...\n", r"Arm has no method read\(\)"),
-        (DRIVER.format(path=hidden, skip="hand_tip"),
-         "gave no 'hand_tip', for the sensor position"),
+        (DRIVER.format(path=hidden, skip="hand_tip"), "no 'hand_tip', for the sensor"),
         ("1 / 0", "cannot be made: ZeroDivisionError"),
-    ):  # fmt: skip
+    ):
         path = _drive(tmp_path, code)
         with pytest.raises(InputError, match=said):
             open_robot(path).act(0)
@@ -193,12 +195,12 @@ def test_a_class_that_follows_and_says_nothing_of_use_is_refused(more, said, tmp
 
 
 def test_the_body_of_an_arm_whose_links_stand_in_any_order_is_found(tmp_path):
-    run = selfheal.identify(_describe(tmp_path), seed=1, budget=4000,
-                            out=tmp_path / "run")  # fmt: skip
+    arm, out = _describe(tmp_path), tmp_path / "run"
+    run = selfheal.identify(arm, seed=1, budget=4000, out=out)
     assert len(run.cycles) == 6
     assert run.cycles[-1].genomes.parent[0].tolist() == [3, 1, 0]
-    assert (tmp_path / "run" / "report.html").exists()
-    again = selfheal.identify(resume=tmp_path / "run" / "run.h5")
+    assert (out / "report.html").exists()
+    again = selfheal.identify(resume=out / "run.h5")
     assert again.result["parent"] == [3, 1, 0]
 
 

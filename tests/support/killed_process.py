@@ -1,4 +1,4 @@
-"""`selfheal` in a process that is killed at a moment, and what its files then tell."""
+"""`selfheal` in a process that is killed at a moment, and what its files then say."""
 
 import json
 import os
@@ -54,9 +54,13 @@ def selfheal(before: str, moment: str, *words: object) -> subprocess.CompletedPr
     return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
 
 
-def told(path: Path, kind: type[phased_run.PhasedRun]) -> str:
+def read_run(path: Path, kind: type[phased_run.PhasedRun]) -> str:
     """All that a run's file says but how long it took."""
-    run = phased_run.load_phased_run(path, kind)
+    return format_run(phased_run.load_phased_run(path, kind))
+
+
+def format_run(run: phased_run.PhasedRun) -> str:
+    """All of a run but how long it took."""
     phases = [(name, {**what, "seconds": 0}) for name, what in run.phases.items()]
     result = {**run.result, "seconds": 0}
-    return json.dumps([phases, result], default=np.ndarray.tolist)
+    return json.dumps([phases, result], default=np.ndarray.tolist, sort_keys=True)
