@@ -7,16 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.output.result import (
-    Candidate,
-    Diagnosis,
-    Localization,
-    SignalFit,
-)
+from selfheal.diagnosis.output.result import Candidate, SignalFit
 from selfheal.report import diagnose
-from tests.support.browser import (
-    HOSTILE,
-)
+from tests.support.browser import HOSTILE
+from tests.support.diagnosis_folder import make_small_diagnosis
 from tests.support.hostile.names import find_raw
 from tests.support.made_up_diagnosis import (
     DELAY,
@@ -32,30 +26,18 @@ from tests.support.made_up_diagnosis import (
     write_page_text,
 )
 
+VERDICTS = {  # what the page says of each, and what it means
+    "nothing": ("Nothing is missing that these recordings can show", "stands under"),
+    "unlisted": ("lacks physics that is not in the catalogue", "tells where to look"),
+    "undecided": ("Stopped after 3 of 41 effects were tried", "give it more time"),
+    "partly": ("structured error remains that has no name", "no further effect"),
+    "explained": ("explains 95", "as large as noise"),
+}
 
-@pytest.mark.parametrize(
-    "verdict, says, means",
-    [
-        (
-            "nothing",
-            "Nothing is missing that these recordings can show",
-            "stands under",
-        ),
-        (
-            "unlisted",
-            "lacks physics that is not in the catalogue",
-            "tells where to look",
-        ),
-        (
-            "undecided",
-            "Stopped after 3 of 41 effects were tried, while trying",
-            "give it more time",
-        ),
-        ("partly", "structured error remains that has no name", "no further effect"),
-        ("explained", "explains 95", "as large as noise"),
-    ],
-)
-def test_every_verdict_has_a_sentence_and_what_it_means(verdict, says, means):
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_a_sentence_and_what_it_means(verdict):
+    says, means = VERDICTS[verdict]
     named = verdict in ("explained", "partly")
     words = read_page_words(make_diagnosis(verdict, (FINDING,) if named else ()))
     assert says in words and means in words
@@ -72,25 +54,22 @@ def test_what_is_said_of_the_rest_is_so():
     assert noise not in words and more in words
     document = make_document()
     document["fit"] |= {"patched": 0.1, "floor": 0.02}
-    assert "off by 0.1, 5 times the floor" in read_page_words(
-        replace(make_diagnosis(), document=document)
-    )
+    words = read_page_words(replace(make_diagnosis(), document=document))
+    assert "off by 0.1, 5 times the floor" in words
 
 
 def test_what_patched_xml_has_of_an_effect_is_said():
     for effect, said in (("asymmetric_friction", "only a part"), ("cogging", "not in")):
-        words = read_page_words(
-            make_diagnosis(findings=({**FINDING, "effect": effect, "native": False},))
-        )
-        assert said in words
+        found = {**FINDING, "effect": effect, "native": False}
+        assert said in read_page_words(make_diagnosis(findings=(found,)))
 
 
 def test_what_the_data_leave_open_is_marked():
     """An interval as wide as a careful user would grant says nothing."""
     made = make_diagnosis()
     assert "not pinned down" not in read_page_words(made)
-    open_ = {"parameter": "joint:hip/damping", "given": 1.0, "value": 1.1, "low": 0.7,
-             "high": 1.3, "unit": "N m s/rad"}  # fmt: skip
+    open_ = {"parameter": "joint:hip/damping", "given": 1.0, "value": 1.1}
+    open_ |= {"low": 0.7, "high": 1.3, "unit": "N m s/rad"}
     document = {**made.document, "refit": [*made.document["refit"], open_]}
     words = read_page_words(replace(made, document=document))
     assert "Not pinned down: 1;" in words
@@ -101,10 +80,8 @@ def test_experiments_are_offered_where_the_catalogue_was_not_enough(monkeypatch)
     effect = type("Spring", (), {"name": "joint_spring", "separate_by": "let it hang"})
     monkeypatch.setattr(diagnose, "load_catalogue", lambda: {"joint_spring": effect})
     for verdict, offered in {"unlisted": 1, "partly": 1, "nothing": 0}.items():
-        assert (
-            read_page_words(make_diagnosis(verdict, ())).count("Let it hang: would")
-            == offered
-        )
+        words = read_page_words(make_diagnosis(verdict, ()))
+        assert words.count("Let it hang: would") == offered
 
 
 def test_the_page_is_in_order_and_whole():
@@ -141,9 +118,8 @@ def test_a_change_is_colored_and_escaped():
     assert '<span class="soft">+++ patched.xml' in made
     long = replace(make_diagnosis(), diff="+x\n" * 900 + "+" + "y" * 5000)
     assert "501 more lines." in read_page_words(long)
-    assert "says the same as the given" in read_page_words(
-        replace(make_diagnosis(), diff="")
-    )
+    same = read_page_words(replace(make_diagnosis(), diff=""))
+    assert "says the same as the given" in same
 
 
 def test_names_come_out_escaped():
@@ -162,9 +138,8 @@ def test_missing_numbers_have_a_page():
         "where": {"signals": [{"name": "x", "share_of_error": None}]},
         "evidence": {"heldout_nll_gain": None, "p_value": None, "stability": None},
     }
-    document = make_document(
-        findings=(finding, {**FINDING, "where": {}, "evidence": None})
-    )
+    bare = {**FINDING, "where": {}, "evidence": None}
+    document = make_document(findings=(finding, bare))
     document["refit"] = [{"parameter": "body:a/mass", "given": 0.0, **none}]
     document["fit"] = dict.fromkeys(document["fit"], None) | {"held_out": []}
     gone = np.full(400, NAN)
@@ -183,22 +158,7 @@ def test_missing_numbers_have_a_page():
 
 
 def test_nothing_at_all_has_a_page():
-    empty = np.zeros((0, 0))
-    document = make_document("nothing", ()) | {"refit": []}
-    made = Diagnosis(
-        "",
-        document,
-        (),
-        "",
-        "",
-        (),
-        Localization((), (), empty, empty),
-        (),
-        (),
-        (),
-        0.0,
-        0,
-    )
+    made = make_small_diagnosis("", make_document("nothing", ()) | {"refit": []})
     assert "<figure>" not in write_page_text(made)
     words = read_page_words(made)
     for said in ("no held-out stretch", "cannot tell where", "Remarks None."):

@@ -21,12 +21,10 @@ def _lanes(heading):
     """One that goes half a meter along a heading, one that stays."""
     way = np.linspace(0, 0.5, ROWS)[:, None] * [np.cos(heading), np.sin(heading), 0]
     level, still = np.tile([1.0, 0, 0, 0], (ROWS, 1)), np.zeros((ROWS, 8))
+    goes, stays = (np.add(place, [0, 0, 0.1]) for place in (way, 0 * way))
     return [
-        Lane(title, color, BODY, position + [0, 0, 0.1], level, still)
-        for title, color, position in (
-            ("goes", "#0072b2", way),
-            ("stays", "#d55e00", 0 * way),
-        )
+        Lane("goes", "#0072b2", BODY, goes, level, still),
+        Lane("stays", "#d55e00", BODY, stays, level, still),
     ]
 
 
@@ -53,9 +51,7 @@ def _moves(frames):
 
 @pytest.mark.parametrize("program", [None, "/bin/false", "/not/there"])
 def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
-    if (
-        program is not None
-    ):  # as where the driver ends the process, or none can be started
+    if program is not None:  # the driver ends the process, or none can be started
         monkeypatch.delenv("MUJOCO_GL")
         monkeypatch.setattr(render.sys, "executable", program)
     kind, frames = _frames(make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
