@@ -3,7 +3,6 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -50,11 +49,10 @@ from .selection.stated_values import (
     hold_stated,
     round_effects,
 )
-from .selection.structure import RemainingStructure, analyze_remaining
+from .selection.structure import analyze_remaining
 from .selection.time_left import Stage, TimeLeft
 from .selection.verdict import (
     Outcome,
-    Verdict,
     decide_verdict,
     drop_names,
     explains_too_little,

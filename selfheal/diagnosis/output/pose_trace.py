@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -44,8 +44,8 @@ def make_pose_trace(
     at = _spread_frames(one.sample_steps, squares[rows], simulator.timestep)
     posed, poses = _add_pose_channels(simulator)
     readings = np.full((FRAMES, one.readings.shape[1] + poses), np.nan)
-    frames = replace(one, segment_of_sample=np.zeros(FRAMES, int), sample_steps=at,
-                     readings=readings)  # fmt: skip
+    of_one = np.zeros(FRAMES, int)
+    frames = replace(one, segment_of_sample=of_one, sample_steps=at, readings=readings)
     given, patched = (
         posed.simulate(terms, values[None], frames)[0][:, -poses:]
         for terms, values in models
@@ -53,8 +53,8 @@ def make_pose_trace(
     episode = simulator.episodes[int(one.episode[0])]
     steps = np.minimum(one.first_step[0] + at, episode.sample_steps[-1])
     measured, unread = _measure_poses(simulator, int(one.episode[0]), steps)
-    return PoseTrace(episode.id, episode.start + steps * simulator.timestep, unread,
-                     measured, _split_poses(given), _split_poses(patched))  # fmt: skip
+    time, predicted = episode.start + steps * simulator.timestep, (given, patched)
+    return PoseTrace(episode.id, time, unread, measured, *map(_split_poses, predicted))
 
 
 def _spread_frames(steps: Floats, squares: Floats, timestep: float) -> Floats:
@@ -84,17 +84,18 @@ def _add_pose_channels(simulator: Simulator) -> tuple[Simulator, int]:
     channels: list[Channel] = []
     for i in range(1, nbody):
         at = first + _POSE * (i - 1)
-        body: Any = i  # MuJoCo takes a number, too; a body may have no name
-        for kind, column, size in (("body_position", at, 3),
-                                   ("body_orientation", at + 3, 4)):  # fmt: skip
-            name = f"{kind} {i}"
-            channels.append(Channel(name, kind, body, "", size, column, 1.0, 1.0, 0.0,
-                                    *np.repeat(NO_NOISE, size, axis=1)))  # fmt: skip
+        body = cast(str, i)  # MuJoCo takes a number, too; a body may have no name
+        for kind, column, size in (
+            ("body_position", at, 3),
+            ("body_orientation", at + 3, 4),
+        ):
+            own = (f"{kind} {i}", kind, body, "", size, column, 1.0, 1.0, 0.0)
+            channels.append(Channel(*own, *np.repeat(NO_NOISE, size, axis=1)))
+    room = (0, 0), (0, width)
     episodes = tuple(
-        replace(e, readings=np.pad(e.readings, ((0, 0), (0, width)),
-                                   constant_values=np.nan))
+        replace(e, readings=np.pad(e.readings, room, constant_values=np.nan))
         for e in simulator.episodes
-    )  # fmt: skip
+    )
     posed = simulator.with_channels((*simulator.channels, *channels))
     return replace(posed, episodes=episodes), width
 

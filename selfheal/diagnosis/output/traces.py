@@ -1,11 +1,8 @@
 """The worst stretches: takes replays of held-out episodes, gives curves and poses."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from ...recording.data import Floats
-from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..selection.replay_scores import HeldOutScores
 from ..simulation.dataset import Dataset
@@ -42,44 +39,30 @@ def make_traces(
             weight = 2 if c.is_scored else 1
             worst.append((by_segment[w] * weight, c, k, w, square))
     worst.sort(key=lambda x: -x[0])
-    traces = tuple(
-        _make_trace(simulator, segments, predicted, c, k, w)
-        for _, c, k, w, _ in worst[:MAX_TRACES]
-    )
+    traces = []
+    for _, c, k, w, _ in worst[:MAX_TRACES]:
+        name = c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
+        episode, time, rows = _find_samples(simulator, segments, w)
+        curves = (each[rows, k] for each in (segments.readings, *predicted))
+        traces.append(Trace(episode, name, c.unit, time, *curves))
     if segments.is_single_readings:
-        return traces, None
+        return tuple(traces), None
     *_, w, square = worst[0]
-    return traces, make_pose_trace(
-        simulator, segments, w, square, (models[0], models[2])
-    )
+    chosen = models[0], models[2]
+    return tuple(traces), make_pose_trace(simulator, segments, w, square, chosen)
 
 
-def _column_name(c: Channel, k: int) -> str:
-    """Name of a signal's column, by its number among those of all signals."""
-    return c.name if c.width == 1 else f"{c.name}[{k - c.first_column}]"
+def _find_samples(
+    simulator: Simulator, segments: Segments, w: int
+) -> tuple[str, Floats, np.ndarray]:
+    """Episode, time (T) [s] and rows (T) of the samples of a segment.
 
-
-def _make_trace(
-    simulator: Simulator,
-    segments: Segments,
-    predicted: Sequence[Floats],
-    c: Channel,
-    k: int,
-    w: int,
-) -> Trace:
-    """A column of one segment over time, or of all poses over their number.
-
-    Args:
-        predicted: (M, C) by the model as given, re-fitted, and patched.
-        k: the column, among those of all signals.
-    """  # fmt: skip
+    Where each episode was read once, of all, and numbers in the place of times.
+    """
     if segments.is_single_readings:
-        name, rows = "", np.arange(len(segments.segment_of_sample))
-        at = np.arange(1, len(rows) + 1, dtype=float)
-    else:
-        rows = np.flatnonzero(segments.segment_of_sample == w)
-        episode = simulator.episodes[int(segments.episode[w])]
-        steps = segments.first_step[w] + segments.sample_steps[rows]
-        name, at = episode.id, episode.start + steps * simulator.timestep
-    return Trace(name, _column_name(c, k), c.unit, at, segments.readings[rows, k],
-                 *(each[rows, k] for each in predicted))  # fmt: skip
+        rows = np.arange(len(segments.segment_of_sample))
+        return "", np.arange(1, len(rows) + 1, dtype=float), rows
+    rows = np.flatnonzero(segments.segment_of_sample == w)
+    episode = simulator.episodes[int(segments.episode[w])]
+    steps = segments.first_step[w] + segments.sample_steps[rows]
+    return episode.id, episode.start + steps * simulator.timestep, rows
