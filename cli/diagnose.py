@@ -175,7 +175,7 @@ def _print_findings(findings: Sequence["Finding"]) -> None:
         if rivals := found.get("equivalent"):
             how = found.get("separate_by")
             print_text(
-                f"{found['effect']} at {found['target']} cannot be told from "
+                f"{found['effect']} at {found['target']} cannot be distinguished from "
                 f"{join_names(rivals)} by these recordings"
                 + (f"; to separate them: {how}" if how else "")
             )

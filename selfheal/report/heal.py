@@ -121,15 +121,15 @@ def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
-        "The three walks as a camera saw the torso and the joints felt themselves, "
-        "shown on the body that the robot believes in; twice as fast as they were."
+        "The three walks as a camera tracked the torso and encoders measured the "
+        "joints, shown on the body that the robot believes in; twice as fast as they were."
     )
     moving = make_film(lanes, heading, caption, sample=SAMPLE)
     paths = [
         (a.title, a.color, *project_on_heading(a.position, heading)) for a in lanes
     ]
-    ways = "Ways of the torso from above, 10 s each; they begin at the dot."
-    drawn = draw_paths(paths, "along the heading", ways)
+    note = "Paths of the torso from above, 10 s each; they begin at the dot."
+    drawn = draw_paths(paths, "along the heading", note)
     return Section("Walks", (make_table(head, rows, "lrr"), moving, drawn))
 
 
@@ -204,7 +204,7 @@ def _make_hypotheses_section(run: HealRun) -> Section:
     """Which action ruled out what."""
     actions = run.actions
     if not actions:
-        return Section("What it took the damage for", ("It asked for nothing.",))
+        return Section("Damage hypotheses", ("No action was needed.",))
     rows = []
     for k, phase in enumerate(actions, 1):
         believed = [
@@ -218,7 +218,7 @@ def _make_hypotheses_section(run: HealRun) -> Section:
     ]
     end = make_table(("in the end", "sure"), final, "lr")
     taken = make_table(head, rows, "rll")
-    return Section("What it took the damage for", (taken, _draw_beliefs(actions), end))
+    return Section("Damage hypotheses", (taken, _draw_beliefs(actions), end))
 
 
 def _format_percent(share: float) -> str:

@@ -105,9 +105,9 @@ def _draw_speeds(run: HealRun) -> str:
     box = (0.07, 0.16, 0.72, 0.78)
     fig, ax = make_plot(3.2, box, "time [min]", "speed [m/min]")
     walks = list_walks(run)
-    for start, seconds, way in walks:
+    for start, seconds, distance in walks:
         ends = np.array([start, start + seconds]) / 60
-        ax.plot(ends, [60 * way / seconds] * 2, color=BLUE, lw=2)
+        ax.plot(ends, [60 * distance / seconds] * 2, color=BLUE, lw=2)
     end = sum(walks[-1][:2])
     times, speeds = np.array([*list_first_speeds(run), (end, np.nan)]).T
     ax.plot([], [], color=BLUE, lw=2, label="each walk")
@@ -151,7 +151,7 @@ def _make_walks(run: HealRun, models: Bodies) -> str:
         title, paths = "at the end, with its first gait", (first[key] for key in keys)
         lanes = [*lanes[: _MOST_LANES - 1], Lane(title, ORANGE, body, *paths)]
     caption = (
-        "Walks of 10 s as a camera saw the torso and the joints felt themselves, shown "
-        "on the body that the robot believes in; twice as fast as they were."
+        "Walks of 10 s as a camera tracked the torso and encoders measured the joints, "
+        "shown on the body that the robot believes in; twice as fast as they were."
     )
     return make_film(lanes, run.settings.heading, caption, sample=SAMPLE)

@@ -56,10 +56,10 @@ def make_identify_page(run: Run) -> str:
 
 def _write_lead(run: Run) -> str:
     """The run in one sentence, or two if it is not finished."""
-    done, asked = len(run.cycles), run.settings.cycles
+    done, planned = len(run.cycles), run.settings.cycles
     unfinished = ""
     if not run.result:
-        unfinished = f"This run is not finished: {done} of {asked} actions so far. "
+        unfinished = f"This run is not finished: {done} of {planned} actions so far. "
     if not done:
         return unfinished.strip()
     last = run.cycles[-1]
@@ -202,7 +202,7 @@ def _make_dynamics_section(run: Run) -> Section:
     )
     rows = [
         ("best.xml", format_number(found["given"])),
-        ("with what the moves told", format_number(found["patched"])),
+        ("with the dynamics found", format_number(found["patched"])),
         ("noise alone", format_number(found["floor"])),
     ]
     head = ("predicted by", "error on a held-out move, in standard deviations")
@@ -211,7 +211,7 @@ def _make_dynamics_section(run: Run) -> Section:
 
 
 def _make_settings_section(run: Run) -> Section:
-    """What was asked."""
+    """The settings."""
     rows = [
         (name.replace("_", " "), _format_setting(v))
         for name, v in asdict(run.settings).items()

@@ -123,7 +123,7 @@ def _run_renderer(scenes: Sequence[Scene], backend: str) -> list[np.ndarray] | N
 def render_lanes(
     lanes: Sequence[Lane], heading: float, rows: Sequence[int]
 ) -> np.ndarray | None:
-    """All lanes as one camera sees them, which stands still, the way to the right.
+    """All lanes as one camera sees them, which stands still, the heading to the right.
 
     Args:
         heading: direction that is to the right [rad].

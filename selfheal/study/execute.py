@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 # Chosen: tasks that the scheduler knows of, for each worker and at least. A worker
 # always has its next one; the scheduler's memory does not grow with the study.
 _TASKS_PER_WORKER, _LEAST_TASKS = 4, 64
-_POLL_PERIOD = 1.0  # [s] the scheduler is asked for its workers; chosen
+_POLL_PERIOD = 1.0  # [s] from one count of the workers to the next; chosen
 
 
 def execute_tasks(
@@ -52,18 +52,18 @@ def execute_tasks(
             work = perform_task, study.run_task, task.key, dict(task.settings)
             done.add(client.submit(*work, key=name))
 
-    workers, asked = len(client.nthreads()), time.monotonic()
+    workers, polled = len(client.nthreads()), time.monotonic()
     more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers))
     for batch in done.batches():
-        if time.monotonic() > asked + _POLL_PERIOD:
-            workers, asked = len(client.nthreads()), time.monotonic()
+        if time.monotonic() > polled + _POLL_PERIOD:
+            workers, polled = len(client.nthreads()), time.monotonic()
         records = [_make_record(running.pop(f.key), result) for f, result in batch]
         more(max(_LEAST_TASKS, _TASKS_PER_WORKER * workers) - len(running))
         yield records, workers
 
 
 def _make_record(task: Task, result: object) -> Record:
-    """The record of a run that has ended one way or another.
+    """The record of a run that has ended, well or not.
 
     Args:
         result: what Dask's `as_completed` gives for its future: what `perform_task`

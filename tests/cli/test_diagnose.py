@@ -67,7 +67,7 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
     assert result.exit_code == 0, result.output
     said = " ".join(result.stdout.split())
     for word in ("things differ from the model", "coulomb_friction", "joint:knee",
-                 "0.14 N m", "cannot be told from stribeck_friction by these",
+                 "0.14 N m", "cannot be distinguished from stribeck_friction by these",
                  "1.9 deg as given, 0.31 deg patched (noise 0.10 deg)", "4.56 times",
                  "to separate them: move the joint by hand", "29 deg/s",
                  "0.21", "95 %", "note: The hip never", "report.html"):  # fmt: skip

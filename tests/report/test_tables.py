@@ -14,7 +14,7 @@ def test_candidates_carry_their_evidence_and_late_findings_are_added():
     chosen = make_diagnosis().candidates
     words = read_words(tables.format_candidates(chosen, [FINDING, DELAY]))
     assert "1 coulomb_friction joint:knee 11 % 1.8 0.001 97 % named" in words
-    assert "2 stribeck_friction joint:knee 12 % – – – not told apart" in words
+    assert "2 stribeck_friction joint:knee 12 % – – – indistinguishable" in words
     assert "– command_delay actuator:hip_motor – 0.3 0.004 90 % named" in words
 
 

@@ -258,7 +258,7 @@ class Diagnosis:
         """The signals that this diagnosis predicts, as `selfheal replay` does.
 
         Args:
-            recording: or its path: commands, and the signals that are asked for. Their
+            recording: or its path: commands, and the signals to predict. Their
                 readings tell where an episode without qpos0 starts, as for a diagnosis;
                 else they may all be NaN.
             model: another version of the robot's model to apply the findings to.

@@ -156,11 +156,11 @@ class UrdfPatch:
         old, new = self._given, self._patched
         parents = [e.get("link") for e in element.elements() if e.tag == "parent"]
         above = old.body(int(old.body_parentid[old_body])).name
-        way = new.body_pos[new_body] - old.body_pos[old_body]
-        if parents == [above] and differs(way, np.zeros(3)):
+        shift = new.body_pos[new_body] - old.body_pos[old_body]
+        if parents == [above] and differs(shift, np.zeros(3)):
             origin = _find_child(element, "origin")
             at = _read_numbers(origin, "xyz")
-            self._set_child(element, "origin", {"xyz": format_number(at + way)})
+            self._set_child(element, "origin", {"xyz": format_number(at + shift)})
 
     def _edit_link(self, element: Element) -> None:
         """Edit the inertia of a link by what its body's has changed.
