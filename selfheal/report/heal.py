@@ -122,7 +122,8 @@ def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
         "The three walks as a camera tracked the torso and encoders measured the "
-        "joints, shown on the body that the robot believes in; twice as fast as they were."
+        "joints, shown on the body that the robot believes in; twice as fast as they "
+        "were."
     )
     moving = make_film(lanes, heading, caption, sample=SAMPLE)
     paths = [

@@ -95,7 +95,7 @@ def test_the_page_is_in_order_and_whole():
     places = [words.index(title) for title in titles]
     assert places == sorted(places)
     for said in (
-        "cannot be distinguished from stribeck_friction by these data. To separate them: ramp",
+        "cannot be distinguished from stribeck_friction by these data. To separate",
         "from 1.2 to 1.9 s of episode 003",
         "sets in at 3.40 s (3.30 to 3.50) of episode 002",
         "is read at the link's side",
