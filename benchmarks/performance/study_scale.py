@@ -29,8 +29,8 @@ from selfheal.selfmodel.loop import identify_body
 from selfheal.selfmodel.run import Settings
 from selfheal.selfmodel.schema import SENSOR_SETS
 from selfheal.selfmodel.symmetry import SymmetryGroup
-from selfheal.study.execute import execute_tasks
 from selfheal.study.plan import Task, find_study
+from selfheal.study.run import execute_tasks
 from selfheal.study.store import create_study, open_journal
 from selfheal.study.workers import Workplace, connect_workers
 

@@ -142,7 +142,7 @@ def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list["Ima
 
     paths = [_project_points(lane.position * [1, 1, 0], heading) for lane in lanes]
     low, bottom = np.min([path.min(axis=0) for path in paths], axis=0) - [0.3, 0.18]
-    high, top = np.max([path.max(axis=0) for path in paths], axis=0) + [0.3, 0.32]
+    high, top = np.add(np.max([p.max(axis=0) for p in paths], axis=0), [0.3, 0.32])
     high = max(high, low + 1.2)
     size = WIDTH, WIDTH * (top - bottom) / (high - low) * len(lanes)
     fig = Figure(figsize=size, dpi=_DPI, facecolor="white")

@@ -8,10 +8,12 @@ import pytest
 from tests.support.browser import CHROMIUM
 
 OPTIONS = (
-    "--headless --no-sandbox --disable-gpu --no-first-run --disable-dev-shm-usage "
-    "--disable-background-networking --disable-component-update --disable-sync "
-    "--hide-scrollbars --window-size=1200,6000 --enable-logging=stderr --v=0"
-).split() + ["--host-resolver-rules=MAP * ~NOTFOUND"]
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+    *("--disable-dev-shm-usage", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
+    *("--window-size=1200,6000", "--enable-logging=stderr", "--v=0"),
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+)
 
 
 @pytest.fixture

@@ -58,18 +58,21 @@ def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
     assert kind == "gif" and _moves(frames)
 
 
-def test_a_driver_that_does_not_answer_is_given_up(monkeypatch, renderer):
-    monkeypatch.setattr(render, "_LONGEST", 0.01)
-    assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
+def _wait(command, **more):
+    raise subprocess.TimeoutExpired(command, more["timeout"])
 
 
-def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch, renderer):
-    def blank(command, **more):
-        for k in range(2):
-            np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
-        return subprocess.CompletedProcess(command, 0)
+def _render_blank(command, **more):
+    for k in range(2):
+        np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
+    return subprocess.CompletedProcess(command, 0)
 
-    monkeypatch.setattr(render.subprocess, "run", blank)
+
+@pytest.mark.parametrize("driver", [_wait, _render_blank])
+def test_a_driver_without_an_answer_or_of_one_color_is_given_up(
+    driver, monkeypatch, renderer
+):
+    monkeypatch.setattr(render.subprocess, "run", driver)
     assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
 
 

@@ -56,6 +56,15 @@ def test_text_in_a_figure_controls_nothing():
     assert not find_raw(drawn) and r"a\x85\u202eb\ue000" in drawn
 
 
+def test_a_picture_that_is_large_as_svg_is_a_png():
+    with use_page_style():
+        fig, ax = make_canvas(1, 1)
+        ax.scatter(*np.random.default_rng(0).random((2, 30_000)))
+        drawn = embed_figure(fig, "a & b")
+    assert "<svg" not in drawn and drawn.count('src="data:image/png;base64,') == 1
+    assert 'alt="a &amp; b"' in drawn
+
+
 def test_a_page_is_written_whole(tmp_path):
     write_page("\u811a", tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == "\u811a"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.output import localization
 from tests.support.recorded_robots import bench
 
@@ -73,3 +73,13 @@ def test_holms_correction_is_holms(seed):
         # the largest of all that are smaller
         worst = max((m - np.sum(raw < q)) * q for q in raw[raw <= raw[cell]])
         assert new[cell] == pytest.approx(min(1, worst))
+
+
+def test_few_segments_have_the_smallest_p_value_they_can():
+    at = np.arange(6)
+    segments = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert localization.improvement_p_value(segments, np.zeros(6)) == 1
+    for n in range(1, 7):
+        assert localization.improvement_p_value(
+            segments, 1.0 * (at < n)
+        ) == pytest.approx(0.5**n)

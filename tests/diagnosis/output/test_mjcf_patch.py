@@ -163,9 +163,9 @@ INCLUDED = {
     },
 }
 EFFECTS = (
-    "coulomb_friction joint_spring hard_stop servo_gain payload link_length "
-    "torque_saturation"
-).split()
+    *("coulomb_friction", "joint_spring", "hard_stop", "servo_gain", "payload"),
+    *("link_length", "torque_saturation"),
+)
 
 
 @pytest.fixture

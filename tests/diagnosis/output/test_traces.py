@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.output import pose_trace
-from selfheal.diagnosis.output.pose_trace import make_pose_trace
+from selfheal.diagnosis.output import traces
+from selfheal.diagnosis.output.traces import make_pose_trace
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.diagnosis.simulation.score import cut_replay_segments
@@ -56,7 +56,7 @@ def test_the_film_shows_what_the_curves_do(tmp_path):
 
 
 def test_a_long_stretch_is_shown_where_it_is_worst(tmp_path, monkeypatch):
-    monkeypatch.setattr(pose_trace, "LONGEST", 0.5)
+    monkeypatch.setattr(traces, "LONGEST", 0.5)
     simulator, segments = _read("pendulum", tmp_path / "a.xml", episodes=1, seconds=2.0)
     for worst in (0.0, 1.1, 2.0):
         time = segments.sample_steps * simulator.timestep
