@@ -14,7 +14,6 @@ from ..recovery.phased_run import Phase
 from ..recovery.phases import describe_belief, read_damage
 from ..recovery.record import HealRun, read_gait
 from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
-from .film import make_film
 from .motion import Lane
 from .page import Html, Section, make_page, make_paragraph, make_table
 from .picture import (
@@ -31,6 +30,7 @@ from .picture import (
     place_legend,
     use_page_style,
 )
+from .render import make_film
 
 Hypothesis = tuple[str, str]  # kind and target
 _ROWS = round(SECONDS / SAMPLE)

@@ -11,7 +11,6 @@ from ..recovery.phased_run import Phase
 from ..recovery.phases import read_damage
 from ..recovery.record import HealRun
 from .facts import format_percent
-from .film import make_film
 from .heal import describe_alarm
 from .motion import Lane
 from .page import Section, make_page, make_paragraph, make_table
@@ -26,6 +25,7 @@ from .picture import (
     place_legend,
     use_page_style,
 )
+from .render import make_film
 
 _MOST_LANES = 8  # of the film, each about 0.15 MB and 2 s; chosen
 EVENT_HEAD = (

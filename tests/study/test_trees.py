@@ -5,8 +5,8 @@ import json
 import pytest
 
 from selfheal.study.after_damage import run_after_damage
-from selfheal.study.methods import METHODS, run_method
 from selfheal.study.plan import StudyRequest, find_study
+from selfheal.study.trees import METHODS, run_method
 
 
 def test_the_page_of_actions_has_each_method_against_each(rng):

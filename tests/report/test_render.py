@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from selfheal.report import render
-from selfheal.report.film import make_film
 from selfheal.report.motion import Lane
 from selfheal.robot.actions import load_published_body
 
@@ -54,7 +53,7 @@ def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
     if program is not None:  # the driver ends the process, or none can be started
         monkeypatch.delenv("MUJOCO_GL")
         monkeypatch.setattr(render.sys, "executable", program)
-    kind, frames = _frames(make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
+    kind, frames = _frames(render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
     assert kind == "gif" and _moves(frames)
 
 
@@ -89,7 +88,7 @@ def opengl():
 
 @pytest.mark.slow
 def test_with_opengl_the_walk_is_rendered(opengl, renderer):
-    page = make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    page = render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
     kind, frames = _frames(page)
     assert kind == "webp" and _moves(frames)
     assert "c &amp; d" in page and len(page) < 3_000_000
