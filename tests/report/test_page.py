@@ -59,7 +59,8 @@ def test_text_in_a_figure_controls_nothing():
 def test_a_picture_that_is_large_as_svg_is_a_png():
     with use_page_style():
         fig, ax = make_canvas(1, 1)
-        ax.scatter(*np.random.default_rng(0).random((2, 30_000)))
+        x, y = np.random.default_rng(0).random((2, 30_000))
+        ax.scatter(x, -y)
         drawn = embed_figure(fig, "a & b")
     assert "<svg" not in drawn and drawn.count('src="data:image/png;base64,') == 1
     assert 'alt="a &amp; b"' in drawn
