@@ -80,6 +80,13 @@ PAGES = {  # what writes it, and its pictures
 }
 
 
+@pytest.mark.parametrize("name", ["hostile diagnosis", "hostile run"])
+def test_names_from_a_file_come_out_escaped(name):
+    made = PAGES[name][0]()
+    assert "<script" not in made and f"<td>{html.escape(HOSTILE)}" in made
+    assert not find_raw(made) and r"\ud800" in made
+
+
 @pytest.mark.parametrize("name", ["diagnosis", "run"])
 def test_a_page_asks_for_nothing_from_anywhere(name):
     made = PAGES[name][0]()

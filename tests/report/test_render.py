@@ -53,8 +53,9 @@ def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
     if program is not None:  # the driver ends the process, or none can be started
         monkeypatch.delenv("MUJOCO_GL")
         monkeypatch.setattr(render.sys, "executable", program)
-    kind, frames = _frames(render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
-    assert kind == "gif" and _moves(frames)
+    page = render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    kind, frames = _frames(page)
+    assert kind == "gif" and _moves(frames) and "c &amp; d" in page
 
 
 def _wait(command, **more):
