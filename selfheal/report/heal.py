@@ -1,6 +1,6 @@
 """The page of a heal: what happened, how it was found, and how the robot walks now."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -32,7 +32,6 @@ from .picture import (
 )
 from .render import make_film
 
-Hypothesis = tuple[str, str]  # kind and target
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
@@ -229,26 +228,25 @@ def _format_percent(share: float) -> str:
 
 def _draw_beliefs(actions: Sequence[Phase]) -> Html:
     """Probability of the hypotheses that were ever likely, after each action."""
-    after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in actions]
-    keys = dict.fromkeys(key for a in after for key in a)
-    top = sorted(keys, key=lambda key: -max(_find_probability(a, key) for a in after))
+    chances = [
+        {(b["kind"], b["target"]): b["probability"] for b in phase["believed"]}
+        for phase in actions
+    ]
+    keys = dict.fromkeys(key for after in chances for key in after)
+    # one that is not listed has next to none
+    curves = {key: [after.get(key, 0.0) for after in chances] for key in keys}
+    top = sorted(keys, key=lambda key: -max(curves[key]))
     fig, ax = make_plot(2.8, (0.07, 0.17, 0.6, 0.78), "actions", "probability")
-    steps = np.arange(1, len(after) + 1)
+    steps = np.arange(1, len(chances) + 1)
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
-        chances = [_find_probability(a, key) for a in after]
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
         label = make_printable(said)
-        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=label)
+        ax.plot(steps, curves[key], "o-", color=color, lw=1.4, ms=4, label=label)
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
     place_legend(ax)
     caption = "How likely each kind and place of damage was after each action."
     return embed_figure(fig, caption)
-
-
-def _find_probability(after: Mapping[Hypothesis, Phase], key: Hypothesis) -> float:
-    """Probability of a hypothesis; one that is not listed has next to none."""
-    return float(after[key]["probability"]) if key in after else 0.0
 
 
 def _make_gaits_section(run: HealRun) -> Section:
