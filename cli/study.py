@@ -71,13 +71,12 @@ def _run_study(
     from selfheal.study.plan import StudyRequest
     from selfheal.study.run import continue_study
     from selfheal.study.store import load_study
-    from selfheal.study.workers import Workplace, check_workplace
+    from selfheal.study.workers import Workplace
 
     name = str(context.info_name)
     if workers == 0:
         raise InputError("workers must be positive; not 0")
     place = Workplace(workers or 0, scheduler, cluster)
-    check_workplace(place)
     if only not in ("", "failed") or (only and resume is None):
         raise InputError("--only failed goes with --resume STUDY.h5, and nothing else")
     if resume is not None:

@@ -124,7 +124,7 @@ def _write_notes(finding: Finding) -> Iterable[str]:
     if rivals := ", ".join(finding.get("equivalent", ())):
         advice = finding.get("separate_by")
         how = f" To separate them: {advice}." if advice else ""
-        yield f" cannot be told from {rivals} by these data.{how}"
+        yield f" cannot be distinguished from {rivals} by these data.{how}"
     where = finding.get("where") or {}
     if (regime := where.get("regime", "always")) != "always":
         quoted = f"{_QUOTES[0]}{replace_underscores(regime)}{_QUOTES[1]}"
@@ -248,8 +248,8 @@ def _make_candidates_section(diagnosis: Diagnosis) -> Section:
         "Error left: share of the squared error that the effect alone leaves, before "
         "anything else is named. Gain: in the log-likelihood of what the fit did not "
         "see, an effective sample. p: corrected for every candidate tried. Stability: "
-        "how often it, or what cannot be told from it, comes first when the recordings "
-        "are resampled."
+        "how often it, or what cannot be distinguished from it, comes first when the "
+        "recordings are resampled."
     )
     ranking = tables.format_candidates(diagnosis.candidates, found)
     return Section("Candidates", (ranking, make_note(note)))
@@ -321,9 +321,9 @@ def _make_method_section(
         "re-fitted within its bounds; then every effect of the catalogue was tried "
         "everywhere it could be, together with that re-fit. A name is given only to "
         "what predicts windows better that its fit did not see, after paying for all "
-        "that was tried. The held-out recordings were seen by no fit; they were asked "
-        "which of two hypotheses stays and which names do not help there and are taken "
-        "back, and the result was replayed on them, open loop."
+        "that was tried. The held-out recordings were seen by no fit; they decided "
+        "which of two hypotheses stays and which names do not help there and are "
+        "withdrawn, and the result was replayed on them, open loop."
     )
     if stopped := diagnosis.document.get("stopped"):
         said += f" All that was done until it was stopped, while {stopped['while']}."

@@ -1,4 +1,4 @@
-"""What a report says of a run, in words and numbers: a Run in, plain values out."""
+"""What a report says of a run, in words and numbers: a Run in, values out."""
 
 from dataclasses import dataclass
 

@@ -305,7 +305,8 @@ def _draw_trace(top: "Axes", below: "Axes", trace: Trace) -> None:
     for name, (color, width) in CURVES.items():
         dash = (0, (4, 2)) if name == "given" else "-"
         for ax, curve in ((top, curves[name]), (below, curves[name] - read)):
-            ax.plot(time, curve, dot, label=name, color=color, lw=width, ls=dash)
+            (line,) = ax.plot(time, curve, label=name, marker=dot)
+            line.set(color=color, lw=width, ls=dash)
     fitted = [curves["refit"], curves["patched"]]
     # a model that is far off leaves the picture instead of flattening the others
     room = _measure_span(read) or _measure_span(np.concatenate(fitted))

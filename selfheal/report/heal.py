@@ -1,6 +1,6 @@
 """The page of a heal: what happened, how it was found, and how the robot walks now."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from ..recovery.phased_run import Phase
 from ..recovery.phases import describe_belief, read_damage
 from ..recovery.record import HealRun, read_gait
 from .draw import NEUTRAL, draw_body, look_from_behind, measure_window
-from .film import make_film
 from .motion import Lane
 from .page import Html, Section, make_page, make_paragraph, make_table
 from .picture import (
@@ -32,8 +31,8 @@ from .picture import (
     place_legend,
     use_page_style,
 )
+from .render import make_film
 
-Hypothesis = tuple[str, str]  # kind and target
 _ROWS = round(SECONDS / SAMPLE)
 _SAID = 0.01  # of a hypothesis's probability, to be named after an action
 
@@ -122,15 +121,16 @@ def _make_walks_section(run: HealRun, before: Bodies, after: Bodies) -> Section:
     ]
     head = ("walk of 10 s", "walked [m]", "predicted [m]")
     caption = (
-        "The three walks as a camera saw the torso and the joints felt themselves, "
-        "shown on the body that the robot believes in; twice as fast as they were."
+        "The three walks as a camera tracked the torso and encoders measured the "
+        "joints, shown on the body that the robot believes in; twice as fast as they "
+        "were."
     )
     moving = make_film(lanes, heading, caption, sample=SAMPLE)
     paths = [
         (a.title, a.color, *project_on_heading(a.position, heading)) for a in lanes
     ]
-    ways = "Ways of the torso from above, 10 s each; they begin at the dot."
-    drawn = draw_paths(paths, "along the heading", ways)
+    note = "Paths of the torso from above, 10 s each; they begin at the dot."
+    drawn = draw_paths(paths, "along the heading", note)
     return Section("Walks", (make_table(head, rows, "lrr"), moving, drawn))
 
 
@@ -205,7 +205,7 @@ def _make_hypotheses_section(run: HealRun) -> Section:
     """Which action ruled out what."""
     actions = run.actions
     if not actions:
-        return Section("What it took the damage for", ("It asked for nothing.",))
+        return Section("Damage hypotheses", ("No action was needed.",))
     rows = []
     for k, phase in enumerate(actions, 1):
         believed = [
@@ -219,7 +219,7 @@ def _make_hypotheses_section(run: HealRun) -> Section:
     ]
     end = make_table(("in the end", "sure"), final, "lr")
     taken = make_table(head, rows, "rll")
-    return Section("What it took the damage for", (taken, _draw_beliefs(actions), end))
+    return Section("Damage hypotheses", (taken, _draw_beliefs(actions), end))
 
 
 def _format_percent(share: float) -> str:
@@ -229,26 +229,25 @@ def _format_percent(share: float) -> str:
 
 def _draw_beliefs(actions: Sequence[Phase]) -> Html:
     """Probability of the hypotheses that were ever likely, after each action."""
-    after = [{(b["kind"], b["target"]): b for b in p["believed"]} for p in actions]
-    keys = dict.fromkeys(key for a in after for key in a)
-    top = sorted(keys, key=lambda key: -max(_find_probability(a, key) for a in after))
+    chances = [
+        {(b["kind"], b["target"]): b["probability"] for b in phase["believed"]}
+        for phase in actions
+    ]
+    keys = dict.fromkeys(key for after in chances for key in after)
+    # one that is not listed has next to none
+    curves = {key: [after.get(key, 0.0) for after in chances] for key in keys}
+    top = sorted(keys, key=lambda key: -max(curves[key]))
     fig, ax = make_plot(2.8, (0.07, 0.17, 0.6, 0.78), "actions", "probability")
-    steps = np.arange(1, len(after) + 1)
+    steps = np.arange(1, len(chances) + 1)
     for key, color in zip(top[: len(COLORS)], COLORS, strict=False):
-        chances = [_find_probability(a, key) for a in after]
         said = " ".join((key[0], key[1].partition(":")[2])).replace("_", " ")
         label = make_printable(said)
-        ax.plot(steps, chances, "o-", color=color, lw=1.4, ms=4, label=label)
+        ax.plot(steps, curves[key], "o-", color=color, lw=1.4, ms=4, label=label)
     ax.set_xticks(steps)
     ax.set_ylim(-0.03, 1.03)
     place_legend(ax)
     caption = "How likely each kind and place of damage was after each action."
     return embed_figure(fig, caption)
-
-
-def _find_probability(after: Mapping[Hypothesis, Phase], key: Hypothesis) -> float:
-    """Probability of a hypothesis; one that is not listed has next to none."""
-    return float(after[key]["probability"]) if key in after else 0.0
 
 
 def _make_gaits_section(run: HealRun) -> Section:

@@ -12,7 +12,6 @@ from ..recovery.phased_run import Phase
 from ..recovery.phases import read_damage
 from ..recovery.record import HealRun
 from .facts import format_percent
-from .film import make_film
 from .heal import describe_alarm
 from .motion import Lane
 from .page import Section, make_page, make_paragraph, make_table
@@ -27,6 +26,7 @@ from .picture import (
     place_legend,
     use_page_style,
 )
+from .render import make_film
 
 _MOST_LANES = 8  # of the film, each about 0.15 MB and 2 s; chosen
 EVENT_HEAD = (
@@ -106,9 +106,9 @@ def _draw_speeds(run: HealRun) -> str:
     box = (0.07, 0.16, 0.72, 0.78)
     fig, ax = make_plot(3.2, box, "time [min]", "speed [m/min]")
     walks = list_walks(run)
-    for start, seconds, way in walks:
+    for start, seconds, distance in walks:
         ends = np.array([start, start + seconds]) / 60
-        ax.plot(ends, [60 * way / seconds] * 2, color=BLUE, lw=2)
+        ax.plot(ends, [60 * distance / seconds] * 2, color=BLUE, lw=2)
     end = sum(walks[-1][:2])
     times, speeds = np.array([*list_first_speeds(run), (end, np.nan)]).T
     ax.plot([], [], color=BLUE, lw=2, label="each walk")
@@ -152,7 +152,7 @@ def _make_walks(run: HealRun, models: Bodies) -> str:
         title, paths = "at the end, with its first gait", (first[key] for key in keys)
         lanes = [*lanes[: _MOST_LANES - 1], Lane(title, ORANGE, body, *paths)]
     caption = (
-        "Walks of 10 s as a camera saw the torso and the joints felt themselves, shown "
-        "on the body that the robot believes in; twice as fast as they were."
+        "Walks of 10 s as a camera tracked the torso and encoders measured the joints, "
+        "shown on the body that the robot believes in; twice as fast as they were."
     )
     return make_film(lanes, run.settings.heading, caption, sample=SAMPLE)

@@ -32,44 +32,83 @@ from .picture import embed_figure, use_page_style
 def make_identify_page(run: Run) -> str:
     """The page of a run, finished or not, as one self-contained HTML text."""
     title = f"The body of {run.settings.robot}"
+    lead, settings = _write_lead(run), _make_settings_section(run)
     if not run.cycles:
-        nothing = Section(
-            "Inferred body", ("No action has been tried yet, so nothing is known.",)
-        )
+        said = "No action has been tried yet, so nothing is known."
         return make_page(
-            title, [nothing, _make_settings_section(run)], lead=_write_lead(run)
+            title, [Section("Inferred body", (said,)), settings], lead=lead
         )
     with use_page_style():
         sections = [
             _make_body_section(run),
-            _make_drawing_section(run),
-            _make_candidates_section(run),
-            _make_progress_section(run),
-            _make_tilts_section(run),
+            *(_draw_section(run, name) for name in ("body", "candidates", "progress")),
+            _make_readings_section(run),
             _make_rivals_section(run),
-            _make_sureness_section(run),
+            _draw_section(run, "sureness"),
             *([_make_dynamics_section(run)] if run.result.get("dynamics") else []),
-            _make_settings_section(run),
+            settings,
         ]
-    return make_page(title, sections, lead=_write_lead(run))
+    return make_page(title, sections, lead=lead)
+
+
+# of a figure alone: its title, what draws it, its caption, and what the caption adds
+# where the truth is known
+_DRAWN = {
+    "body": (
+        "The body it believes in",
+        figures.draw_best_body,
+        "Parts at zero joint angles; numbers as in the table. The dashed square is "
+        "where parts attach to the torso, the arrow points forward. Pale: "
+        "candidates at least a twentieth as likely; where they differ is undecided.",
+        " Blue: attached to the correct parent; orange: to a wrong one.",
+    ),
+    "candidates": (
+        "Candidate bodies, cycle by cycle",
+        figures.draw_candidates,
+        "The best candidates after each of these cycles, best on the left, all at one "
+        "scale; the loss is the sum over the actions tried until then.",
+        "",
+    ),
+    "progress": (
+        "Error and disagreement",
+        figures.draw_progress,
+        "Error: of tilts, |left/right| + |forward/back| between the best candidate and "
+        "the robot, mean over the actions so far; without tilts, of all sensors, in "
+        "as many degrees as they count like. Disagreement: standard deviation of the "
+        "same of all bodies that might be right, each counted as far as it is "
+        "believed, mean over the actions not tried yet.",
+        "",
+    ),
+    "sureness": (
+        "How sure it is of each attachment",
+        figures.draw_sureness,
+        "Stated probability that each attachment is correct, in percent.",
+        " Framed: the best candidate had it wrong.",
+    ),
+}
+
+
+def _draw_section(run: Run, name: str) -> Section:
+    """A section of one figure."""
+    title, draw, caption, known = _DRAWN[name]
+    caption += known if run.truth is not None else ""
+    return Section(title, (embed_figure(draw(run), caption),))
 
 
 def _write_lead(run: Run) -> str:
     """The run in one sentence, or two if it is not finished."""
-    done, asked = len(run.cycles), run.settings.cycles
+    done, planned = len(run.cycles), run.settings.cycles
     unfinished = ""
     if not run.result:
-        unfinished = f"This run is not finished: {done} of {asked} actions so far. "
+        unfinished = f"This run is not finished: {done} of {planned} actions so far. "
     if not done:
         return unfinished.strip()
     last = run.cycles[-1]
     body = f"After {_format_count(done, 'action')} and {last.spent:,} simulations"
     right = find_right_edges(run, build_bodies(run.anatomy, last.genomes[:1]))
-    known = (
-        ""
-        if right is None
-        else f", with {right.sum()} of {right.size} attachments correct"
-    )
+    known = ""
+    if right is not None:
+        known = f", with {right.sum()} of {right.size} attachments correct"
     error = run.result.get("tilt_error", last.tilt_error)  # the last check's, if done
     name = list_channels(run.anatomy).error_name
     return (
@@ -94,60 +133,17 @@ def _format_count(count: int, noun: str) -> str:
 def _make_body_section(run: Run) -> Section:
     """The inferred tree as a table, its errors, and what it took."""
     found = list_errors(run, build_bodies(run.anatomy, run.cycles[-1].genomes[:1]))
-    against = (
-        join_markup(
-            make_paragraph("Against the truth:"),
-            make_table(("measure", "value"), found, "lr"),
-        )
-        if found
-        else make_paragraph(
-            "Nobody knows the true body, so nothing is called correct or wrong."
-        )
+    against = make_paragraph(
+        "Nobody knows the true body, so nothing is called correct or wrong."
     )
+    if found:
+        table = make_table(("measure", "value"), found, "lr")
+        against = join_markup(make_paragraph("Against the truth:"), table)
     spent = place_beside(against, tables.format_simulations(run))
     return Section("Inferred body", (tables.format_tree(run), spent))
 
 
-def _make_drawing_section(run: Run) -> Section:
-    """The best body in 3-D."""
-    colors = "Blue: attached to the correct parent; orange: to a wrong one. "
-    caption = (
-        "Parts at zero joint angles; numbers as in the table. The dashed square is "
-        "where parts attach to the torso, the arrow points forward. Pale: "
-        "candidates at least a twentieth as likely; where they differ is undecided. "
-    )
-    caption += colors if run.truth is not None else ""
-    return Section(
-        "The body it believes in",
-        (embed_figure(figures.draw_best_body(run), caption.strip()),),
-    )
-
-
-def _make_candidates_section(run: Run) -> Section:
-    """Rivals of several cycles in 3-D."""
-    caption = (
-        "The best candidates after each of these cycles, best on the left, all at one "
-        "scale; the loss is the sum over the actions tried until then."
-    )
-    drawn = embed_figure(figures.draw_candidates(run), caption)
-    return Section("Candidate bodies, cycle by cycle", (drawn,))
-
-
-def _make_progress_section(run: Run) -> Section:
-    """Curves."""
-    caption = (
-        "Error: of tilts, |left/right| + |forward/back| between the best candidate and "
-        "the robot, mean over the actions so far; without tilts, of all sensors, in "
-        "as many degrees as they count like. Disagreement: standard deviation of the "
-        "same of all bodies that might be right, each counted as far as it is "
-        "believed, mean over the actions not tried yet."
-    )
-    return Section(
-        "Error and disagreement", (embed_figure(figures.draw_progress(run), caption),)
-    )
-
-
-def _make_tilts_section(run: Run) -> Section:
+def _make_readings_section(run: Run) -> Section:
     """Predicted against measured, drawn and in numbers."""
     caption = (
         "Every action tried, in order, by the joints that it sends down; all other "
@@ -180,17 +176,6 @@ def _make_rivals_section(run: Run) -> Section:
     return Section("Rivals that the data do not rule out", (said, table))
 
 
-def _make_sureness_section(run: Run) -> Section:
-    """How sure each attachment became."""
-    caption = "Stated probability that each attachment is correct, in percent."
-    if run.truth is not None:
-        caption += " Framed: the best candidate had it wrong."
-    return Section(
-        "How sure it is of each attachment",
-        (embed_figure(figures.draw_sureness(run), caption),),
-    )
-
-
 def _make_dynamics_section(run: Run) -> Section:
     """What moves over time showed, and how much it helps."""
     found = run.result["dynamics"]
@@ -202,7 +187,7 @@ def _make_dynamics_section(run: Run) -> Section:
     )
     rows = [
         ("best.xml", format_number(found["given"])),
-        ("with what the moves told", format_number(found["patched"])),
+        ("with the dynamics found", format_number(found["patched"])),
         ("noise alone", format_number(found["floor"])),
     ]
     head = ("predicted by", "error on a held-out move, in standard deviations")
@@ -211,7 +196,7 @@ def _make_dynamics_section(run: Run) -> Section:
 
 
 def _make_settings_section(run: Run) -> Section:
-    """What was asked."""
+    """The settings."""
     rows = [
         (name.replace("_", " "), _format_setting(v))
         for name, v in asdict(run.settings).items()

@@ -1,7 +1,7 @@
 """Curves that zoom and show their values: traces in, markup and scripts out.
 
 Bokeh draws them, where it is installed, all in the page. Elsewhere, in print and
-without scripts there is the plain figure.
+without scripts there is the static figure.
 """
 
 import json
@@ -26,7 +26,7 @@ EXTRA = "interactive"  # of pyproject.toml
 _POINTS = 2000  # most of a curve; chosen: zoomed to a third it still fills a screen
 _HIGH, _LOW = 220, 120  # [px] of a curve, and of what it is off by; chosen
 _TICK = 40  # [px] from one number on an axis to the next, about; chosen
-_WIDER = 0.2  # [px] than the plain curves; chosen
+_WIDER = 0.2  # [px] than the static curves; chosen
 
 
 def is_live_available() -> bool:

@@ -79,7 +79,7 @@ def pose_skeleton(
 
 
 def _project_points(points: Floats, heading: float) -> Floats:
-    """(..., 2) world points seen from the right of the way, a little above."""
+    """(..., 2) world points seen from the right of the heading, a little above."""
     c, s = np.cos(heading), np.sin(heading)
     along = c * points[..., 0] + s * points[..., 1]
     across = c * points[..., 1] - s * points[..., 0]
@@ -140,9 +140,9 @@ def _draw_frames(lanes: Sequence[Lane], heading: float, every: int) -> list["Ima
     from matplotlib.figure import Figure
     from PIL.Image import frombytes
 
-    ways = [_project_points(lane.position * [1, 1, 0], heading) for lane in lanes]
-    low, bottom = np.min([way.min(axis=0) for way in ways], axis=0) - [0.3, 0.18]
-    high, top = np.max([way.max(axis=0) for way in ways], axis=0) + [0.3, 0.32]
+    paths = [_project_points(lane.position * [1, 1, 0], heading) for lane in lanes]
+    low, bottom = np.min([path.min(axis=0) for path in paths], axis=0) - [0.3, 0.18]
+    high, top = np.add(np.max([p.max(axis=0) for p in paths], axis=0), [0.3, 0.32])
     high = max(high, low + 1.2)
     size = WIDTH, WIDTH * (top - bottom) / (high - low) * len(lanes)
     fig = Figure(figsize=size, dpi=_DPI, facecolor="white")

@@ -114,7 +114,7 @@ def _find_removed(fit: FitScores) -> tuple[float, str]:
 
 
 def _write_clause(finding: Finding, place: str) -> str:
-    """A finding in plain words, without a capital and a full stop."""
+    """A finding in words, without a capital and a full stop."""
     parameters = {p["name"]: format_quantity(p) for p in finding["parameters"]}
     every = ", ".join(f"{name} {said}" for name, said in parameters.items())
     words = {**COMMON, **_tell_given(finding), **parameters, "at": place, "all": every}

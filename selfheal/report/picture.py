@@ -133,7 +133,7 @@ def embed_figure(fig: "Figure", caption: str, live: Html = NOTHING) -> Html:
 def draw_paths(
     paths: Iterable[tuple[str, str, Floats, Floats]], forward: str, caption: str
 ) -> Html:
-    """Ways from above, from a dot to dots, a meter as long in both directions.
+    """Paths from above, from a dot to dots, a meter as long in both directions.
 
     Args:
         paths: title, color, and (S) to the right and (S) up [m] of each.

@@ -75,9 +75,9 @@ def _write_lead(run: RecoverRun) -> str:
     )
 
 
-def _format_meters(way: float | None) -> str:
+def _format_meters(distance: float | None) -> str:
     """A distance in words."""
-    return "nowhere that could be measured" if way is None else f"{way:.2f} m"
+    return "nowhere that could be measured" if distance is None else f"{distance:.2f} m"
 
 
 def _list_runs(run: RecoverRun) -> Iterator[tuple[str, Phase]]:
@@ -149,19 +149,19 @@ def _make_beliefs_section(run: RecoverRun) -> Section:
             rows.append(("", f"tried then: {tried['why']}", ""))
     true = make_paragraph("What is true: ", describe_damages(run.settings.damage), ".")
     return Section(
-        "What it took the damage for",
+        "Damage hypotheses",
         (true, make_table(("before trial", "believed", "sure"), rows, "llr")),
     )
 
 
 def _make_paths_section(run: RecoverRun) -> Section:
-    """The ways of the torso from above."""
+    """The paths of the torso from above."""
     paths = [
         (title, color, *phase["path"].T[:2])
         for (title, phase), color in zip(_list_runs(run), COLORS, strict=False)
     ]
-    caption = "Ways of the torso from above, 10 s each; they begin at the black dot."
-    return Section("Ways", (draw_paths(paths, "forward", caption),))
+    caption = "Paths of the torso from above, 10 s each; they begin at the black dot."
+    return Section("Paths", (draw_paths(paths, "forward", caption),))
 
 
 def _make_footfalls_section(run: RecoverRun) -> Section:

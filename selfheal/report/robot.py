@@ -10,12 +10,19 @@ import numpy as np
 from ..body.body import Floats
 from ..diagnosis.output.result import Diagnosis, PoseTrace
 from ..recording import read_spec
-from .film import encode_webp, join_strips
 from .marks import Mark, find_marks
 from .motion import embed_animation
 from .page import Html, Section, join_markup, make_figure
 from .picture import BLUE, COLORS, GREEN, MUTED, shorten_label
-from .render import Scene, View, find_view, furnish, render_scenes
+from .render import (
+    Scene,
+    View,
+    encode_webp,
+    find_view,
+    furnish,
+    join_strips,
+    render_scenes,
+)
 
 if TYPE_CHECKING:
     from mujoco import MjModel

@@ -41,7 +41,7 @@ from .page import (
 _MOST_RIVALS = 12  # rows of the table; chosen
 _MOST_CHANNELS = 3  # that fit on a page; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
-_AT_BOUND = 0.01  # of the way to a bound that counts as having got there; chosen
+_AT_BOUND = 0.01  # share of the distance to a bound that counts as none; chosen
 GROWTH = "error without it"  # the head of a column
 _DASH, _BREAK = "\N{EN DASH}", Html("<br>")
 
@@ -271,7 +271,7 @@ def _format_candidate(
     evidence = own[0].get("evidence") or {} if own else {}
     status = "named" if candidate.named else ""
     if not status and candidate.effect in rivals:
-        status = "not told apart"
+        status = "indistinguishable"
     return [
         rank,
         candidate.effect,

@@ -5,14 +5,6 @@ from collections.abc import Sequence
 from ..errors import InputError
 from .calibration import make_reliability_picture
 from .columns import average, count_runs, share, tabulate, take_median_seconds
-from .methods import (
-    METHODS,
-    OURS,
-    group_by_method,
-    make_error_picture,
-    make_test_table,
-    run_method,
-)
 from .plan import (
     Outcome,
     Picture,
@@ -25,13 +17,19 @@ from .plan import (
     make_task,
 )
 from .trees import (
+    METHODS,
+    OURS,
     REAL,
     ROBOT_LABELS,
     TreeOutcome,
     TreeSettings,
+    group_by_method,
     list_statements,
     make_attachment_table,
     make_correlation_table,
+    make_error_picture,
+    make_test_table,
+    run_method,
 )
 
 CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify.md

@@ -28,7 +28,7 @@ from .plan import (
 )
 from .statistics import format_mean_std, format_share
 
-RECOVERED_SHARE = 0.9  # of the way when whole, to count as recovered; chosen
+RECOVERED_SHARE = 0.9  # of the distance when whole; chosen
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def _run_task(settings: RunSettings) -> Outcome:
 
 
 def _compute_recovered_share(record: Record) -> float:
-    """How much of the way when whole was recovered; 0 where the robot went nowhere."""
+    """Share of the distance when whole that was recovered; 0 of none."""
     distance = record["outcome"]["distance"]
     whole = distance["intact"]
     return (distance["healed"] or 0.0) / whole if whole else 0.0
@@ -110,11 +110,11 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
     ]
     shares = [_compute_recovered_share(r) for r in records]
     text = (
-        "Ways after 1,000 steps by our method: whole, broken with the same controller, "
-        "and after three trials. Recovered: at least "
-        f"{100 * RECOVERED_SHARE:.0f} % of the way "
-        "when whole. Named: the believed damage is of the true kinds and places; not "
-        "said of hidden neurons, which no hypothesis has."
+        "Distances after 1,000 steps by our method: whole, broken with the same "
+        "controller, and after three trials. Recovered: at least "
+        f"{100 * RECOVERED_SHARE:.0f} % of the distance when whole. Named: the "
+        "believed damage is of the true kinds and places; not said of hidden neurons, "
+        "which no hypothesis has."
     )
     if shares:
         text += (
@@ -130,7 +130,7 @@ def _make_pictures(records: Sequence[Record]) -> list[Picture]:
         for robot in LEGGED
         if (rs := select_records(records, robot=robot))
     }
-    axis = "way recovered / way when whole"
+    axis = "distance recovered / distance when whole"
     return [Boxes("How far again", series, axis)] if series else []
 
 

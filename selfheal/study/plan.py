@@ -11,7 +11,7 @@ from typing_extensions import TypedDict
 from ..errors import UnknownNameError
 from ..schema import Count, Number
 
-# name -> the module that has it as STUDY; imported when it is asked for
+# name -> the module that has it as STUDY; imported when it is needed
 STUDIES = {
     name: f"{__package__}.{name}"
     for name in ("table3", "actions", "schema", "eea", "diagnose")
@@ -57,7 +57,7 @@ class Task:
 
 @dataclass(frozen=True)
 class StudyRequest:
-    """What a user asked a study for.
+    """What a user wants of a study.
 
     Attributes:
         runs: of each row of its tables.
@@ -127,7 +127,7 @@ class Study:
 
     Attributes:
         about: it in a line.
-        list_tasks: the runs that are asked for.
+        list_tasks: the runs that are wanted.
         run_task: does one, in a worker process: its settings in, its outcome out, as
             JSON can hold it. The same settings give the same outcome.
         make_tables: of the finished runs, each with "settings" and "outcome".

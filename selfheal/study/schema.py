@@ -196,11 +196,10 @@ def _group_by_sensors(
 def _make_tables(records: Sequence[Record]) -> list[Table]:
     tables = list[Table]()
     for robot in (REAL, HIDDEN):
-        for what, (title, text) in _WAYS.items():
+        for what, (method, how) in _WAYS.items():
             if found := _group_by_sensors(records, robot, what):
-                title = f"{title}, {ROBOT_LABELS[robot]}"
+                title, text = f"{method}, {ROBOT_LABELS[robot]}", f"{how} {_LENGTHS}"
                 groups = [((name,), rs) for name, rs in found.items()]
-                text = f"{text} {_LENGTHS}"
                 tables.append(tabulate(title, text, groups, ["sensors"], _COLUMNS))
         if matrix := select_records(records, robot=robot, what="matrix"):
             title = f"The 8 x 4 matrix, {ROBOT_LABELS[robot]}"

@@ -139,14 +139,11 @@ def load_checked(path: str | os.PathLike[str]) -> Results:
     study = find_study(results.study)
     members = Members(None, f"{os.fspath(path)}: a damaged study")
     for key, record in results.records.items():
-        if record["outcome"] is not None:
-            kinds = {
-                "settings": study.settings,
-                "outcome": study.find_outcome(record["settings"]),
-            }
-            for name, kind in kinds.items():
-                text = json.dumps(record[name])  # type: ignore[literal-required]
-                members.parse(f"run {key!r}, {name}", text, kind)
+        settings, outcome = record["settings"], record["outcome"]
+        if outcome is not None:
+            place, kind = f"run {key!r}", study.find_outcome
+            members.parse(f"{place}, settings", json.dumps(settings), study.settings)
+            members.parse(f"{place}, outcome", json.dumps(outcome), kind(settings))
     return results
 
 

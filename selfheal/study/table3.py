@@ -16,14 +16,6 @@ from .columns import (
     tabulate,
     take_median_seconds,
 )
-from .methods import (
-    METHODS,
-    OURS,
-    group_by_method,
-    make_error_picture,
-    make_test_table,
-    run_method,
-)
 from .plan import (
     Outcome,
     Pairs,
@@ -40,13 +32,19 @@ from .plan import (
 from .statistics import format_share
 from .trees import (
     HIDDEN,
+    METHODS,
+    OURS,
     REAL,
     ROBOT_LABELS,
     TreeOutcome,
     TreeSettings,
+    group_by_method,
     list_statements,
     make_attachment_table,
     make_correlation_table,
+    make_error_picture,
+    make_test_table,
+    run_method,
 )
 
 _BUDGET = 262_000  # simulations of our search: the mean of the 2006 rule's

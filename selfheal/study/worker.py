@@ -20,8 +20,8 @@ class PinnedWorker(WorkerPlugin):
 
     Libraries read the variable when they first start threads, after this; those that
     read theirs when they are loaded get them from Dask's nanny. On this machine each
-    worker is put on a core of its own, too; a batch system does that for its jobs. What
-    a terminal's Ctrl-C says to all its processes there is left to the one that asked.
+    worker is put on a core of its own, too; a batch system does that for its jobs. A
+    terminal's Ctrl-C there is left to the process that submitted the work.
     """
 
     name, idempotent = "selfheal-pinned", True

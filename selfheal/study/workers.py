@@ -42,24 +42,19 @@ class Workplace:
     scheduler: str = ""
     cluster: str = ""
 
-
-def check_workplace(place: Workplace) -> None:
-    """Refuse a place that makes no sense, before anything is started.
-
-    Raises:
-        InputError: says what does not fit.
-    """
-    if place.cluster and place.cluster not in CLUSTERS:
-        raise UnknownNameError("cluster", place.cluster, CLUSTERS)
-    if place.scheduler and (place.cluster or place.workers):
-        raise InputError(
-            "--scheduler names workers that are there already; leave out --cluster "
-            "and --workers"
-        )
-    if place.workers < 0:
-        raise InputError(f"workers must be positive; not {place.workers}")
-    if place.cluster and not place.workers:
-        raise InputError("--cluster needs --workers N, the jobs to ask it for")
+    def __post_init__(self) -> None:
+        """Refuse a place that makes no sense, before anything is started."""
+        if self.cluster and self.cluster not in CLUSTERS:
+            raise UnknownNameError("cluster", self.cluster, CLUSTERS)
+        if self.scheduler and (self.cluster or self.workers):
+            raise InputError(
+                "--scheduler names workers that are there already; leave out --cluster "
+                "and --workers"
+            )
+        if self.workers < 0:
+            raise InputError(f"workers must be positive; not {self.workers}")
+        if self.cluster and not self.workers:
+            raise InputError("--cluster needs --workers N, the jobs to ask it for")
 
 
 @contextmanager
@@ -78,7 +73,6 @@ def connect_workers(place: Workplace, logs: Path) -> Iterator["Client"]:
 
     from .worker import PinnedWorker
 
-    check_workplace(place)
     settings = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.logging.distributed": "error",

@@ -7,6 +7,14 @@ import pytest
 
 from tests.support.browser import CHROMIUM
 
+OPTIONS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
+    *("--disable-dev-shm-usage", "--disable-background-networking"),
+    *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
+    *("--window-size=1200,6000", "--enable-logging=stderr", "--v=0"),
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+)
+
 
 @pytest.fixture
 def browse(tmp_path):
@@ -15,16 +23,13 @@ def browse(tmp_path):
         pytest.skip("no chromium to open the page with (Debian: apt install chromium)")
 
     def run(path: Path, *options: str) -> tuple[str, str]:
-        command = [
-            CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run",
-            "--disable-background-networking", "--disable-component-update",
-            "--disable-sync", "--disable-dev-shm-usage", "--hide-scrollbars",
-            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1200,6000",
-            "--host-resolver-rules=MAP * ~NOTFOUND", "--enable-logging=stderr", "--v=0",
-            *options, path.as_uri(),
-        ]  # fmt: skip
+        own = [f"--user-data-dir={tmp_path / 'profile'}", *options, path.as_uri()]
         done = subprocess.run(
-            command, capture_output=True, text=True, timeout=120, check=True
+            [CHROMIUM, *OPTIONS, *own],
+            capture_output=True,
+            text=True,
+            timeout=120,
+            check=True,
         )
         return done.stdout, done.stderr
 

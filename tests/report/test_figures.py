@@ -12,9 +12,8 @@ from tests.support.made_up_diagnosis import make_diagnosis, make_trace, write_pa
 def test_one_short_constant_trace_is_drawn():
     one = np.ones(1)
     trace = Trace("a", "b", "rad", one, one, one, one, one)
-    assert (
-        write_page_text(replace(make_diagnosis(), traces=(trace,))).count("<svg") == 2
-    )
+    made = write_page_text(replace(make_diagnosis(), traces=(trace,)))
+    assert made.count("<svg") == 2
 
 
 def test_episodes_read_once_are_drawn_as_dots_in_a_row():

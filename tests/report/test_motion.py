@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from selfheal.body.mjcf import build_spec
-from selfheal.report.motion import Lane, draw_animation, pose_skeleton
+from selfheal.report.motion import pose_skeleton
 from selfheal.robot.actions import load_published_body
 
 BODY = load_published_body()
@@ -27,12 +27,3 @@ def test_a_posed_body_is_where_mujoco_puts_it():
         body = data.body(part)
         tip = body.xpos + body.xmat.reshape(3, 3)[:, 0] * BODY.length[0, i]
         assert seen[i] == pytest.approx(np.array([body.xpos, tip]), abs=1e-9)
-
-
-def test_an_animation_is_one_picture_in_the_page():
-    still = np.zeros((8, 3)), np.tile([1.0, 0, 0, 0], (8, 1)), np.zeros((8, 8))
-    drawn = draw_animation(
-        [Lane("a <b>", "#0072b2", BODY, *still)], 0.0, "c & d", sample=0.1
-    )
-    assert drawn.count("data:image/gif;base64,") == 1
-    assert "c &amp; d" in drawn and "<b>" not in drawn

@@ -56,6 +56,16 @@ def test_text_in_a_figure_controls_nothing():
     assert not find_raw(drawn) and r"a\x85\u202eb\ue000" in drawn
 
 
+def test_a_picture_that_is_large_as_svg_is_a_png():
+    with use_page_style():
+        fig, ax = make_canvas(1, 1)
+        x, y = np.random.default_rng(0).random((2, 30_000))
+        ax.scatter(x, -y)
+        drawn = embed_figure(fig, "a & b")
+    assert "<svg" not in drawn and drawn.count('src="data:image/png;base64,') == 1
+    assert 'alt="a &amp; b"' in drawn
+
+
 def test_a_page_is_written_whole(tmp_path):
     write_page("\u811a", tmp_path / "report.html")
     assert (tmp_path / "report.html").read_text(encoding="utf-8") == "\u811a"
@@ -68,6 +78,13 @@ PAGES = {  # what writes it, and its pictures
     "run": (lambda: make_identify_page(make_run()), 5),
     "hostile run": (lambda: make_identify_page(make_hostile_run(truth=False)), 5),
 }
+
+
+@pytest.mark.parametrize("name", ["hostile diagnosis", "hostile run"])
+def test_names_from_a_file_come_out_escaped(name):
+    made = PAGES[name][0]()
+    assert "<script" not in made and f"<td>{html.escape(HOSTILE)}" in made
+    assert not find_raw(made) and r"\ud800" in made
 
 
 @pytest.mark.parametrize("name", ["diagnosis", "run"])

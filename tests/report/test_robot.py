@@ -88,8 +88,8 @@ def leg(tmp_path):
     ],
 )
 def test_a_finding_is_on_the_body_that_its_target_is_on(leg, target, body):
-    reads = {"angle": "joint:knee", "acceleration": "sensor:imu",
-             "drive": "sensor:force", "time": "sensor:clock"}  # fmt: skip
+    reads = {"angle": "joint:knee", "acceleration": "sensor:imu"}
+    reads |= {"drive": "sensor:force", "time": "sensor:clock"}
     found = {**FINDING, "effect": "sensor_bias", "target": target}
     signals = tuple(_blind(*pair) for pair in reads.items())
     document = {**leg.document, "findings": [found]}
@@ -154,8 +154,9 @@ def _read_pictures(page):
 def _tell_hues(picture):
     """How many pixels of a picture are blue, and how many green."""
     red, green, blue = np.moveaxis(picture, -1, 0)
-    return (np.count_nonzero((blue > green + 25) & (blue > red + 60)),
-            np.count_nonzero((green > blue + 15) & (green > red + 60)))  # fmt: skip
+    is_blue = (blue > green + 25) & (blue > red + 60)
+    is_green = (green > blue + 15) & (green > red + 60)
+    return np.count_nonzero(is_blue), np.count_nonzero(is_green)
 
 
 @pytest.mark.slow

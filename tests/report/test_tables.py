@@ -11,11 +11,10 @@ from tests.support.made_up_diagnosis import DELAY, FINDING, NAN, make_diagnosis
 
 
 def test_candidates_carry_their_evidence_and_late_findings_are_added():
-    words = read_words(
-        tables.format_candidates(make_diagnosis().candidates, [FINDING, DELAY])
-    )
+    chosen = make_diagnosis().candidates
+    words = read_words(tables.format_candidates(chosen, [FINDING, DELAY]))
     assert "1 coulomb_friction joint:knee 11 % 1.8 0.001 97 % named" in words
-    assert "2 stribeck_friction joint:knee 12 % – – – not told apart" in words
+    assert "2 stribeck_friction joint:knee 12 % – – – indistinguishable" in words
     assert "– command_delay actuator:hip_motor – 0.3 0.004 90 % named" in words
 
 
@@ -38,18 +37,19 @@ def test_a_value_has_the_digits_of_its_interval(value, low, high, unit, said):
 
 @pytest.mark.parametrize(
     "name, value, stuck",
-    [("body:a/mass", 1.15, True), ("body:a/mass", 1.14, False),
-     ("body:a/length", 0.97, True), ("joint:a/damping", 1.15, False),
-     ("joint:a/damping", 0.7, True)],
-)  # fmt: skip
+    [
+        *(("body:a/mass", 1.15, True), ("body:a/mass", 1.14, False)),
+        *(("joint:a/damping", 0.7, True), ("joint:a/damping", 1.15, False)),
+        ("body:a/length", 0.97, True),
+    ],
+)
 def test_a_value_at_its_bound_is_marked(name, value, stuck):
     entry = {"parameter": name, "given": 2.0, "value": 2 * value, "unit": "1"}
     assert tables.is_at_bound(entry) == stuck
 
 
 def test_a_bar_that_is_far_too_long_does_not_hide_the_others():
-    made = make_bars(
-        [("a", "18", 18.0), ("b", "1", 1.0), ("c", "-", NAN), ("d", "2", 2.0)]
-    )
+    numbers = {"a": 18.0, "b": 1.0, "c": NAN, "d": 2.0}
+    made = make_bars((name, "", number) for name, number in numbers.items())
     assert re.findall(r"width:([\d.]+)%", made) == ["100.0", "16.7", "0.0", "33.3"]
     assert "width:0.0%" in make_bars([("a", "0", 0.0)]) and make_bars([])

@@ -4,7 +4,6 @@ import copy
 import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -13,44 +12,57 @@ import pytest
 from selfheal import files
 from selfheal.errors import RunFileError
 from selfheal.study.page import format_markdown
-from selfheal.study.plan import Task, find_study
+from selfheal.study.plan import Record, Task, find_study
 from selfheal.study.store import create_study, load_checked, open_journal
 from tests.support.damaged.members import NEVER_FIT, find_faults, replace_member
 
-TREE = {"success": True, "error": [3.0, 2.0], "disagreement": [1.0, 0.5],
-        "edge_f1": 1.0, "actions": [1, 2], "evaluations": 5, "choice": 0,
-        "stated": [0.9, 0.8], "right": [True, False], "tilt_error": 1.0}  # fmt: skip
-SCALES = {"success": False, "error": [1.0, 2.0], "actions": [1], "evaluations": 3,
-          "lengths": [[0.9, 1.1, 0.95, 1.0], [0.05, 0.2, 0.9, 0.1]]}  # fmt: skip
+TREE = {
+    **{"success": True, "error": [3.0, 2.0], "disagreement": [1.0, 0.5]},
+    **{"edge_f1": 1.0, "actions": [1, 2], "evaluations": 5, "choice": 0},
+    **{"stated": [0.9, 0.8], "right": [True, False], "tilt_error": 1.0},
+}
+INTERVALS = [[0.9, 1.1, 0.95, 1.0], [0.05, 0.2, 0.9, 0.1]]
+SCALES = {
+    **{"success": False, "error": [1.0, 2.0], "actions": [1], "evaluations": 3},
+    "lengths": INTERVALS,
+}
 LENGTHS = {"part": 1.0, "leg": 2.0, "uneven": 0.5, "evaluations": 3}
-MATRIX = {**LENGTHS, "edge_f1": 1.0, "success": True, "hips": True, "foretold": 1.0,
-          "tilt_gap": 1.0, "fit": 1.0}  # fmt: skip
+MATRIX = {
+    **{**LENGTHS, "edge_f1": 1.0, "success": True, "hips": True},
+    **{"foretold": 1.0, "tilt_gap": 1.0, "fit": 1.0},
+}
 WAYS = {"intact": 2.0, "damaged": 1.0, "healed": 1.5, "best_known": None}
 FIT = {"given": 1.0, "refit": 1.0, "patched": None, "explainable_removed": 0.5}
-SLOPE = {"effect": "slope", "target": "world", "name": "tilt", "value": 0.1,
-         "low": 0.0, "high": 0.2, "unit": "rad"}  # fmt: skip
+SLOPE = {
+    **{"effect": "slope", "target": "world", "name": "tilt"},
+    **{"value": 0.1, "low": 0.0, "high": 0.2, "unit": "rad"},
+}
+DIAGNOSIS = {"verdict": "explained", "findings": [SLOPE], "fit": FIT}
+RECOVERY = {"named": True, "actions": 3, "distance": WAYS}
 ROBOT = {"robot": "starfish", "seed": 0, "recordings": ""}
-# study -> settings and outcome of its runs
-RUNS: dict[str, list[tuple[dict[str, Any], dict[str, Any]]]] = {
-    "table3": [({**ROBOT, "phase": "before", "method": "ours"}, TREE),
-               ({**ROBOT, "phase": "after", "method": "ours"}, SCALES)],
+# settings and outcome of the runs of each study
+RUNS = {
+    "table3": [
+        ({**ROBOT, "phase": "before", "method": "ours"}, TREE),
+        ({**ROBOT, "phase": "after", "method": "ours"}, SCALES),
+    ],
     "actions": [({**ROBOT, "method": "ours"}, TREE)],
-    "schema": [({**ROBOT, "what": "lengths", "sensors": "tilt"}, LENGTHS),
-               ({**ROBOT, "what": "matrix", "sensors": "tilt"}, MATRIX)],
-    "eea": [({"robot": "quadruped", "scenario": 1, "seed": 0},
-             {"named": True, "actions": 3, "distance": WAYS})],
-    "diagnose": [({"robot": "one", "seed": 0},
-                  {"verdict": "explained", "findings": [SLOPE], "fit": FIT})],
-}  # fmt: skip
+    "schema": [
+        ({**ROBOT, "what": "lengths", "sensors": "tilt"}, LENGTHS),
+        ({**ROBOT, "what": "matrix", "sensors": "tilt"}, MATRIX),
+    ],
+    "eea": [({"robot": "quadruped", "scenario": 1, "seed": 0}, RECOVERY)],
+    "diagnose": [({"robot": "one", "seed": 0}, DIAGNOSIS)],
+}
 
 
-def _write_study(path: Path, name: str) -> list[dict[str, Any]]:
+def _write_study(path: Path, name: str) -> list[Record]:
     """The file of a study, and its records."""
-    records = [
-        {"key": f"run {k}", "settings": settings, "outcome": outcome, "error": "",
-         "seconds": 1.0, "megabytes": 5, "worker": "0"}
+    cost = {"error": "", "seconds": 1.0, "megabytes": 5, "worker": "0"}
+    records: list[Record] = [
+        {"key": f"run {k}", "settings": settings, "outcome": outcome, **cost}
         for k, (settings, outcome) in enumerate(RUNS[name])
-    ]  # fmt: skip
+    ]
     tasks = [Task(record["key"], record["settings"]) for record in records]
     create_study(path, name, {"runs": 1, "seed": 0}, tasks)
     with open_journal(path) as journal:
@@ -70,7 +82,7 @@ def _show_study(path: Path, member: str = "") -> None:
     format_markdown(results, tables)
 
 
-def _replace_each(value: Any) -> Iterator[Any]:
+def _replace_each(value: dict | list) -> Iterator[dict | list]:
     """Copies of a document with one entry missing or something else."""
     items = value.items() if isinstance(value, dict) else enumerate(value)
     for key, old in list(items):
@@ -88,15 +100,10 @@ def _replace_each(value: Any) -> Iterator[Any]:
                 yield changed
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow)
-        if name in ("table3", "schema")
-        else name
-        for name in RUNS
-    ],
-)
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("table3", "schema")]
+
+
+@pytest.mark.parametrize("name", ["actions", "eea", "diagnose", *SLOW])
 def test_tables_of_a_study_are_made_of_outcomes_that_fit(name, tmp_path):
     path = tmp_path / "study.h5"
     records = _write_study(path, name)

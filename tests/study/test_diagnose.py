@@ -26,10 +26,8 @@ def _run(robot, *findings, monkeypatch, folder):
         document=document, save=lambda where, force: saved.append(where)
     )
     monkeypatch.setattr(diagnose, "diagnose", lambda *files, seed: answer)
-    (task,) = (
-        t for t in STUDY.list_tasks(StudyRequest(1, cases=folder))
-        if t.settings["robot"] == robot
-    )  # fmt: skip
+    tasks = STUDY.list_tasks(StudyRequest(1, cases=folder))
+    (task,) = (t for t in tasks if t.settings["robot"] == robot)
     outcome = STUDY.run_task(task.settings)
     assert saved == [task.settings["out"]]
     return {"settings": task.settings, "outcome": outcome, "seconds": 1.0}

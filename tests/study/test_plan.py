@@ -36,7 +36,7 @@ def test_what_a_study_lacks_is_said(tmp_path):
             find_study(name).list_tasks(StudyRequest(1))
     with pytest.raises(InputError, match="no case there"):
         find_study("diagnose").list_tasks(StudyRequest(1, cases=tmp_path))
-    with pytest.raises(InputError, match="no poses_schema.csv there"):
+    with pytest.raises(InputError, match=r"no poses_schema\.csv there"):
         find_study("schema").list_tasks(StudyRequest(1, recordings=tmp_path))
 
 

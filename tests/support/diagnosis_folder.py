@@ -1,7 +1,8 @@
 """Folders of a diagnosis, and the score of a model on a recording."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,25 +18,36 @@ from selfheal.recording import Recording
 def write_empty_diagnosis(folder: Path, model: Path) -> Path:
     """The folder of a diagnosis that found nothing."""
     folder.mkdir()
-    document = {"format": "selfheal-diagnosis", "version": 1, "findings": [],
-                "refit": []}  # fmt: skip
-    (folder / "diagnosis.json").write_text(json.dumps(document))
+    (folder / "diagnosis.json").write_text(json.dumps(make_document()))
     (folder / "patched.xml").write_text(apply_edits(model, (), folder))
     return folder
+
+
+def make_document(**members: object) -> dict:
+    """The document of a diagnosis that found nothing, but for some members."""
+    document = {"format": "selfheal-diagnosis", "version": 1, "verdict": "nothing"}
+    return {**document, "findings": [], "refit": [], "fit": {}, **members}
+
+
+def make_small_diagnosis(
+    model: str, document: Mapping[str, object], **fields: object
+) -> Diagnosis:
+    """A diagnosis of which nothing but its document is made up, and some fields."""
+    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    found = Diagnosis(
+        model, document, (), "", "", (), located, (), (), (), seconds=1.0, simulations=2
+    )
+    return replace(found, **fields)
 
 
 def save_diagnosis(
     path: Path, edits: Sequence[Edit], findings: Sequence[dict] = ()
 ) -> Path:
     """The folder of a diagnosis of a model, of edits and findings that are made up."""
-    document = {"format": "selfheal-diagnosis", "version": 1, "verdict": "explained",
-                "findings": list(findings), "refit": [], "fit": {}}  # fmt: skip
-    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
+    document = make_document(verdict="explained", findings=list(findings))
     text = apply_edits(path, edits, path.parent)
-    found = Diagnosis(
-        str(path), document, edits, text, "", (), located, (), (), (), 1.0, 2
-    )
-    found.save(path.parent / "out")
+    made = make_small_diagnosis(str(path), document, edits=edits, patched=text)
+    made.save(path.parent / "out")
     return path.parent / "out"
 
 
@@ -43,8 +55,9 @@ def write_finding(out: Path, **finding: object) -> None:
     """Let the diagnosis find one thing: friction of the elbow, but for some fields."""
     path = out / "diagnosis.json"
     document = json.loads(path.read_text())
-    found = {"effect": "coulomb_friction", "target": "joint:elbow",
-             "parameters": [{"name": "frictionloss", "value": 0.1}]}  # fmt: skip
+    parameters = [{"name": "frictionloss", "value": 0.1}]
+    found = {"effect": "coulomb_friction", "target": "joint:elbow"}
+    found["parameters"] = parameters
     document["findings"] = [{**found, **finding}]
     path.write_text(json.dumps(document))
 

@@ -29,7 +29,7 @@ from ..simulation import score
 from ..simulation.checks import find_divergence
 from ..simulation.dataset import Dataset
 from . import document as doc
-from .finding_location import localize_findings
+from .localization import localize_findings
 from .mjcf_patch import build_edits
 from .model_source import ModelSource, compile_patched, is_same_model
 from .result import Candidate, Diagnosis, SignalFit

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     Shape: TypeAlias = MjsGeom | MjsSite
     Element: TypeAlias = MjsBody | Shape
 
-# MJCF's other ways to state an orientation, which `quat` takes the place of
+# MJCF's other forms of an orientation, which `quat` replaces
 TURNED = dict.fromkeys(("axisangle", "xyaxes", "zaxis", "euler"))
 # share of the largest moment below which a product of inertia is rounding; chosen
 MIN_PRODUCT_SHARE = 1e-7
@@ -143,28 +143,28 @@ def _moved_ends(
     """The `fromto` of an element that has moved in its body.
 
     Args:
-        moved: (3) the way of its middle, in the axes of the body [m].
+        moved: (3) the displacement of its middle, in the axes of the body [m].
         grown: its new length over the old one.
     """
-    way, ends = _turn_into_frame(source, element, moved), np.array(element.fromto)
+    shift, ends = _turn_into_frame(source, element, moved), np.array(element.fromto)
     half = (grown - 1) / 2 * (ends[3:] - ends[:3])
-    return {"fromto": _format_moved(ends, np.concatenate([way - half, way + half]))}
+    return {"fromto": _format_moved(ends, np.concatenate([shift - half, shift + half]))}
 
 
-def _turn_into_frame(source: ModelSource, element: "Element", way: Floats) -> Floats:
-    """A way (3) in the axes of a body [m], in those of the <frame>s in it."""
+def _turn_into_frame(source: ModelSource, element: "Element", shift: Floats) -> Floats:
+    """A displacement (3) [m] of a body's axes, in those of the <frame>s in it."""
     import mujoco
 
     _, turn = source.resolve_frame(element)
     back, turned = np.empty(4), np.empty(3)
     mujoco.mju_negQuat(back, turn)
-    mujoco.mju_rotVecQuat(turned, way, back)
+    mujoco.mju_rotVecQuat(turned, shift, back)
     return turned
 
 
-def _format_moved(given: "ArrayLike", way: Floats) -> str:
-    """Numbers (N) of a text after a way (N), each as given where it has not moved."""
-    return format_number(np.array(given) + _drop_rounding(way))
+def _format_moved(given: "ArrayLike", shift: Floats) -> str:
+    """Numbers (N) of a text after a shift (N), each as given where there is none."""
+    return format_number(np.array(given) + _drop_rounding(shift))
 
 
 def _drop_rounding(vector: Floats) -> Floats:
@@ -200,8 +200,9 @@ def edit_geoms(source: ModelSource, old: "MjModel", new: "MjModel") -> Iterator[
         sizes = [m.geom_size[g] for m in (old, new)]
         moved, grown = differs(*places), differs(*sizes)
         if np.isfinite(element.fromto[0]) and (moved or grown):
-            way = places[1] - places[0] if moved else np.zeros(3)
-            attributes |= _edit_span(source, element, int(new.geom_type[g]), way, sizes)
+            shift = places[1] - places[0] if moved else np.zeros(3)
+            kind = int(new.geom_type[g])
+            attributes |= _edit_span(source, element, kind, shift, sizes)
         elif moved:
             attributes["pos"] = _moved_position(source, element, *places)
         # a mesh keeps its size

@@ -56,7 +56,7 @@ def replay_recording(
 
     Args:
         recording: commands and initial states, or readings that tell where an episode
-            starts; signals say what is asked for.
+            starts; its signals are predicted.
         model: another version of the robot's model; None: the patched one.
         progress: called with a message and the share (0 to 1) of the steps simulated.
 

@@ -33,14 +33,12 @@ class Trace:
     """One signal in one stretch of a held-out episode, measured and predicted.
 
     Attributes:
-        episode: its name; empty where each of several was read once.
-        signal: its name; of a vector signal one column ("cube_position[2]").
-        unit: of all values.
+        episode: empty where each of several was read once.
+        signal: of a vector signal one column ("cube_position[2]").
         time: (T) [s], or the number of the episode where each was read once.
         read: (T) measured, NaN where missing [unit].
-        given: (T) predicted by the model as given [unit].
-        refit: (T) predicted by the re-fitted model [unit].
-        patched: (T) predicted by the model with the findings [unit].
+        given, refit, patched: (T) predicted by the model as given, the re-fitted one,
+            and the one with the findings [unit].
     """
 
     episode: str
@@ -61,12 +59,10 @@ class PoseTrace:
     origin [m] and quaternion in the world frame; NaN where a model diverged.
 
     Attributes:
-        episode: its name.
         time: (F) of the frames [s].
-        unread: joints that no reading tells, measured as the given model moves them.
+        unread: joints without a reading, which move here as the given model moves them.
         measured: (F, B, 7).
-        given: (F, B, 7) predicted by the model as given.
-        patched: (F, B, 7) predicted by the model with the findings.
+        given, patched: (F, B, 7) predicted by the model as given, and with findings.
     """
 
     episode: str
@@ -82,7 +78,7 @@ class Localization:
     """Where the re-fitted model is wrong.
 
     Attributes:
-        signals: (S) names.
+        signals: (S).
         regimes: (R) of the contract.
         share: (S, R) of the squared error that lies there; NaN where the regime was
             hardly seen.
@@ -101,11 +97,8 @@ class SignalFit:
     """Normalized error [1] of one signal on held-out episodes, with 90 % intervals.
 
     Attributes:
-        name: of the signal.
         scored: whether it counts in the contract's score.
-        given: value, low and high over episodes, of the model as given.
-        refit: value, low and high of the re-fitted model.
-        patched: value, low and high of the model with the findings.
+        given, refit, patched: value, low and high over episodes, of each model.
         floor: what the readings' noise alone leaves.
         unit: of errors that are not normalized.
         scale: what a normalized error of 1 is [unit].
@@ -128,7 +121,6 @@ class Candidate:
     """A candidate of the search's first round.
 
     Attributes:
-        effect: its name.
         target: where it acts, as text.
         left: share of the squared error that it alone leaves.
         named: whether it is among the findings.
@@ -258,7 +250,7 @@ class Diagnosis:
         """The signals that this diagnosis predicts, as `selfheal replay` does.
 
         Args:
-            recording: or its path: commands, and the signals that are asked for. Their
+            recording: or its path: commands, and the signals to predict. Their
                 readings tell where an episode without qpos0 starts, as for a diagnosis;
                 else they may all be NaN.
             model: another version of the robot's model to apply the findings to.

@@ -1,7 +1,7 @@
 """A patch of a URDF: takes two models, gives the user's text with little changed."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
@@ -21,15 +21,25 @@ from .model_source import differs
 
 if TYPE_CHECKING:
     import mujoco
+    from numpy.typing import ArrayLike
 
 # fields of a compiled model and what a user calls them, for what URDF cannot hold
 _JOINT_FIELDS = {
-    "dof_damping": "damping", "dof_dampingpoly": "damping of higher order",
-    "dof_frictionloss": "dry friction", "dof_armature": "armature",
-    "jnt_stiffness": "stiffness", "jnt_range": "range",
-}  # fmt: skip
-_BODY_FIELDS = {"body_mass": "mass", "body_ipos": "center of mass",
-                "body_pos": "place", "body_gravcomp": "carried weight"}  # fmt: skip
+    "dof_damping": "damping",
+    "dof_dampingpoly": "damping of higher order",
+    "dof_frictionloss": "dry friction",
+    "dof_armature": "armature",
+    "jnt_stiffness": "stiffness",
+    "jnt_range": "range",
+}
+_BODY_FIELDS = {
+    "body_mass": "mass",
+    "body_ipos": "center of mass",
+    "body_pos": "place",
+    "body_gravcomp": "carried weight",
+}
+_DYNAMICS = {"damping": "dof_damping", "friction": "dof_frictionloss"}  # of <dynamics>
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")  # of <inertia>
 _GEOM_FIELDS = ("size", "pos", "friction", "solref", "contype")
 _WORLD_FIELDS = ("gravity", "density", "viscosity", "wind")
 _RELATIVE = 1e-5  # by which values differ that are one; of the digits of two texts
@@ -127,17 +137,14 @@ class UrdfPatch:
         dof, new_dof = old.jnt_dofadr[a.id], new.jnt_dofadr[b.id]
         dynamics = {
             attribute: format_number(getattr(new, field)[new_dof])
-            for attribute, field in (
-                ("damping", "dof_damping"), ("friction", "dof_frictionloss")
-            )
+            for attribute, field in _DYNAMICS.items()
             if differs(getattr(old, field)[dof], getattr(new, field)[new_dof])
-        }  # fmt: skip
+        }
         self._set_child(element, "dynamics", dynamics)
         limits: dict[str, str] = {}
         if differs(a.range, b.range) and element.get("type") != "continuous":
-            limits = dict(
-                zip(("lower", "upper"), map(format_number, b.range), strict=True)
-            )
+            limits = {"lower": format_number(b.range[0])}
+            limits["upper"] = format_number(b.range[1])
         efforts = [e[name].get("effort_limit", 0.0) for e in self._joint_values]
         if differs(*efforts) and efforts[1]:
             limits["effort"] = format_number(efforts[1])
@@ -149,11 +156,11 @@ class UrdfPatch:
         old, new = self._given, self._patched
         parents = [e.get("link") for e in element.elements() if e.tag == "parent"]
         above = old.body(int(old.body_parentid[old_body])).name
-        way = new.body_pos[new_body] - old.body_pos[old_body]
-        if parents == [above] and differs(way, np.zeros(3)):
+        shift = new.body_pos[new_body] - old.body_pos[old_body]
+        if parents == [above] and differs(shift, np.zeros(3)):
             origin = _find_child(element, "origin")
             at = _read_numbers(origin, "xyz")
-            self._set_child(element, "origin", {"xyz": format_number(at + way)})
+            self._set_child(element, "origin", {"xyz": format_number(at + shift)})
 
     def _edit_link(self, element: Element) -> None:
         """Edit the inertia of a link by what its body's has changed.
@@ -177,12 +184,11 @@ class UrdfPatch:
         com = first / mass
         inertia = turn.T @ (second - point_inertia(mass, com)) @ turn
         inertia = np.where(np.abs(inertia) > 1e-9 * np.abs(inertia).max(), inertia, 0.0)
-        pairs = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
         numbers = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
         self._set_child(inertial, "mass", {"value": format_number(mass)})
         if differs(com, own[1:4] / own[0]):
             self._set_child(inertial, "origin", {"xyz": format_number(com)})
-        moments = dict(zip(pairs, map(format_number, numbers), strict=True))
+        moments = dict(zip(_MOMENTS, map(format_number, numbers), strict=True))
         self._set_child(inertial, "inertia", moments)
 
     def _set_child(self, element: Element, tag: str, values: dict[str, str]) -> None:
@@ -225,9 +231,9 @@ def _read_moments(element: Element) -> Floats:
     origin = _find_child(element, "origin")
     mass = float((mass_of and mass_of.get("value")) or 0)
     com, turn = _read_numbers(origin, "xyz"), _rotate(_read_numbers(origin, "rpy"))
-    names = ("ixx", "ixy", "ixz", "ixy", "iyy", "iyz", "ixz", "iyz", "izz")
-    numbers = [float((moments and moments.get(name)) or 0) for name in names]
-    about = turn @ np.reshape(numbers, (3, 3)) @ turn.T + point_inertia(mass, com)
+    numbers = [float((moments and moments.get(name)) or 0) for name in _MOMENTS]
+    tensor = np.array(numbers)[[[0, 3, 4], [3, 1, 5], [4, 5, 2]]]
+    about = turn @ tensor @ turn.T + point_inertia(mass, com)
     return np.concatenate([[mass], mass * com, about.ravel()])
 
 
@@ -251,16 +257,22 @@ def _list_differences(
     urdf: "mujoco.MjModel", patched: "mujoco.MjModel"
 ) -> Iterator[str]:
     """What a URDF says otherwise than the patched model, in words."""
+    models = urdf, patched
     joints = _pair_ids(urdf, patched, "joint", urdf.njnt)
-    limits = [describe_joints(model) for model in (urdf, patched)]
+    limits = [describe_joints(model) for model in models]
     efforts = {n: [x[n].get("effort_limit", 0.0) for x in limits] for n in limits[0]}
-    if weaker := [n for n, pair in efforts.items() if _is_far(*([x] for x in pair))]:
+    if weaker := [n for n, pair in efforts.items() if _is_far(*pair)]:
         yield f"effort limit of {', '.join(weaker)}"
-    for field, said in _JOINT_FIELDS.items():
-        yield from _describe_difference(urdf, patched, joints, field, said)
+    dofs = {
+        name: (int(urdf.jnt_dofadr[a]), int(patched.jnt_dofadr[b]))
+        for name, (a, b) in joints.items()
+    }
     bodies = _pair_ids(urdf, patched, "body", urdf.nbody)
-    for field, said in _BODY_FIELDS.items():
-        yield from _describe_difference(urdf, patched, bodies, field, said)
+    for field, said in (_JOINT_FIELDS | _BODY_FIELDS).items():
+        pairs = {"dof": dofs, "jnt": joints, "body": bodies}[field.partition("_")[0]]
+        old, new = (getattr(model, field) for model in models)
+        if far := [n for n, (a, b) in pairs.items() if _is_far(old[a], new[b])]:
+            yield f"{said} of {', '.join(far)}"
     if turned := [
         name
         for name, (a, b) in bodies.items()
@@ -283,7 +295,7 @@ def _list_differences(
 def _pair_ids(
     urdf: "mujoco.MjModel", patched: "mujoco.MjModel", kind: str, count: int
 ) -> dict[str, tuple[int, int]]:
-    """Ids in both models of what has a name in the first one.
+    """Ids in both models of what has a name in the first one, by these.
 
     Args:
         kind: "joint" or "body".
@@ -293,29 +305,7 @@ def _pair_ids(
     return {n: (i, other(n).id) for i in range(count) if (n := find(i).name)}
 
 
-def _describe_difference(
-    urdf: "mujoco.MjModel",
-    patched: "mujoco.MjModel",
-    ids: dict[str, tuple[int, int]],
-    field: str,
-    said: str,
-) -> Iterator[str]:
-    """Where a field differs between two models, in words."""
-    values = [getattr(model, field) for model in (urdf, patched)]
-    far = []
-    for name, pair in ids.items():
-        at = list(pair)
-        if field.startswith("dof_"):
-            at = [
-                int(m.jnt_dofadr[i]) for m, i in zip((urdf, patched), pair, strict=True)
-            ]
-        if _is_far(values[0][at[0]], values[1][at[1]]):
-            far.append(name)
-    if far:
-        yield f"{said} of {', '.join(far)}"
-
-
-def _is_far(one: Sequence[float] | Floats, other: Sequence[float] | Floats) -> bool:
+def _is_far(one: "ArrayLike", other: "ArrayLike") -> bool:
     """Whether arrays of one shape differ by more than the digits of their texts."""
     a, b = np.asarray(one, float), np.asarray(other, float)
     size = max(np.abs(a).max(initial=0.0), np.abs(b).max(initial=0.0))

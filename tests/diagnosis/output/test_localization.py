@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.data.segments import cut_segments
+from selfheal.diagnosis.data.segments import Segments, cut_segments
 from selfheal.diagnosis.output import localization
 from tests.support.recorded_robots import bench
 
@@ -44,13 +44,8 @@ def test_white_noise_lies_nowhere(arm):
 
 def test_regimes_are_what_they_are_called(arm):
     segments = cut_segments(arm.simulator.episodes, 150)
-    masks = dict(
-        zip(
-            localization.REGIMES,
-            localization.classify_samples(arm.simulator, arm.robot, segments),
-            strict=True,
-        )
-    )
+    each = localization.classify_samples(arm.simulator, arm.robot, segments)
+    masks = dict(zip(localization.REGIMES, each, strict=True))
     elbow = [c.name for c in arm.simulator.channels].index("elbow")
     assert not (masks["slow"] & masks["fast"])[:, elbow].any()
     assert not masks["contact"].any() and not masks["saturated"].any()
@@ -75,7 +70,16 @@ def test_holms_correction_is_holms(seed):
     assert (fixed[~tested] == 1).all() and (fixed[tested] >= p[tested]).all()
     raw, new, m = p[tested], fixed[tested], tested.sum()
     for cell in range(m):
-        worst = max(
-            (m - np.sum(raw < q)) * q for q in raw[raw <= raw[cell]]
-        )  # the largest of all that are smaller
+        # the largest of all that are smaller
+        worst = max((m - np.sum(raw < q)) * q for q in raw[raw <= raw[cell]])
         assert new[cell] == pytest.approx(min(1, worst))
+
+
+def test_few_segments_have_the_smallest_p_value_they_can():
+    at = np.arange(6)
+    segments = Segments(0 * at, at, 1 + 0 * at, at, 1.0 * at, np.zeros((6, 1)))
+    assert localization.improvement_p_value(segments, np.zeros(6)) == 1
+    for n in range(1, 7):
+        assert localization.improvement_p_value(
+            segments, 1.0 * (at < n)
+        ) == pytest.approx(0.5**n)

@@ -48,18 +48,15 @@ def test_a_replay_applies_what_the_text_could_not_say(tmp_path):
     stated = tuple(build_nominal_terms(b.robot))
     factors, present = draw_factors(stated), [present_values(t) for t in own]
     terms, values = (*stated, *own), np.concatenate([factors, *present])
-    case = SimpleNamespace(
-        compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
-    )
+    s = b.simulator
+    case = SimpleNamespace(compiler=s.compiler, training=s, robot=b.robot)
     same, diff, edits, unpatched = patch_or_nominal(case, terms, values)
     assert (same, diff, edits) == (text, "", []) and "<replicate>" in unpatched
     document = make_document(stated, factors, own, present) | {"unpatched": unpatched}
     write_diagnosis(tmp_path / "out", same, document)
     predicted = b.simulator.simulate(terms, values[None], b.segments)[0]
-    assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
-        < 3e-6
-    )
+    played = replay_recording(tmp_path / "out", b.recording)
+    assert compare_replay(b, played, predicted) < 3e-6
 
 
 @pytest.mark.parametrize("share", [0.3, 1.0, 1.7])
@@ -73,7 +70,5 @@ def test_a_delay_is_replayed_as_it_was_found(share, stated, tmp_path):
     predicted = b.simulator.simulate((term,), values[None], b.segments)[0]
     document = make_document((), (), [term], [values])
     write_diagnosis(tmp_path / "out", write_patch_text(b, (term,), values), document)
-    assert (
-        compare_replay(b, replay_recording(tmp_path / "out", b.recording), predicted)
-        < 3e-6
-    )
+    played = replay_recording(tmp_path / "out", b.recording)
+    assert compare_replay(b, played, predicted) < 3e-6

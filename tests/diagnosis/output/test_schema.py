@@ -7,71 +7,77 @@ import pytest
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.output.schema import check_entries
-from selfheal.errors import InputError, UnknownNameError
+from selfheal.errors import InputError
 from tests.support.diagnosis_folder import write_finding
 from tests.support.recorded_robots import bench, places
 
 NAN, INFINITY = float("nan"), float("inf")
-STOP = {"effect": "hard_stop", "side": 1, "parameters": [{"name": "range", "value": 1}]}
-
-LOSS = {"name": "frictionloss", "value": 0.1}
 HUGE = 10**400
 
 
+def _state(**values: object) -> dict:
+    """Parameters of a finding, by their names."""
+    return {"parameters": [{"name": k, "value": v} for k, v in values.items()]}
+
+
+STOP = {"effect": "hard_stop", "side": 1, **_state(range=1)}
+SLOPE = {"effect": "slope", "target": "world", **_state(tilt=0.1, azimuth=0.0)}
+PLAY = {"effect": "backlash", "native": True, **_state(gap=0.1)}
+DELAY = {"effect": "command_delay", "target": "actuator:elbow_servo"}
+COUPLING = {"effect": "joint_coupling", **_state(stiffness=1.0, ratio=1.0)}
+
+
 @pytest.mark.parametrize(
-    "finding, kind, said",
+    "finding, said",
     [
-        ({"target": "joint:wrist"}, InputError, "no joint 'wrist'"),
-        ({"target": "elbow"}, InputError, "'elbow'; would fit: joint:"),
-        ({"effect": "gremlins"}, UnknownNameError, "gremlins"),
-        ({"effect": "ground_friction", "target": "world", "parameters": [
-            {"name": "friction", "value": 0.5}]}, InputError, "no ground"),
-        ({"target": "world"}, InputError, "'world'; would fit: joint: and a name"),
-        ({"target": "body:forearm"}, InputError, "target is 'body:forearm'; would"),
-        ({"target": 3}, InputError, r"json: findings\[0\].target is 3; would fit"),
-        ({"effect": 3}, InputError, "effect is 3; would fit: a valid string"),
-        ({"effect": "gremlins", "native": True}, UnknownNameError, "gremlins"),
-        ({"parameters": None}, InputError, "parameters is None; would fit: a valid"),
-        ({"parameters": []}, InputError, r"is \[\]; would fit: frictionloss"),
-        ({"parameters": [{"value": 1.0}]}, InputError, "name is missing"),
-        ({"effect": "asymmetric_friction"}, InputError, "fit: positive, negative"),
-        *(({"parameters": [{**LOSS, "value": value}]}, InputError, "fit: a valid num")
-          for value in (None, "much", True)),
-        ({"parameters": [{**LOSS, "value": HUGE}]}, InputError, "fit: a finite numb"),
-        ({"parameters": [{**LOSS, "value": []}]}, InputError, "fit: a number"),
-        ({"parameters": [{**LOSS, "value": NAN}]}, InputError, "NaN is no number"),
-        ({"parameters": [{**LOSS, "low": -INFINITY}]}, InputError, "-Infinity is no"),
-        ({"parameters": [{**LOSS, "value": 1e13}]}, InputError, "-1e.12 to 1e.12"),
-        ({"effect": "quadratic_damping", "parameters": [
-            {"name": "damping2", "value": -1e9}]}, InputError,
-         "damping2 is -1000000000.0; would fit: 0 or more"),
-        ({**STOP, "measured": "link"}, InputError,
-         "measured is 'link'; would fit: no measured beside hard_stop"),
-        ({**STOP, "other": "joint:wrist"}, InputError, "fit: no other beside hard_sto"),
-        ({**STOP, "side": True}, InputError, "side is True; would fit: -1 or 1"),
-        ({**STOP, "native": "no"}, InputError, "native is 'no'; would fit: a valid b"),
-        ({"effect": "slope", "target": "world", "side": 3, "parameters": [
-            {"name": "tilt", "value": 0.1}, {"name": "azimuth", "value": 0.0}]},
-         InputError, "side is 3; would fit: 1 or -1"),
-        ({"effect": "joint_coupling", "parameters": [
-            {"name": "stiffness", "value": 1.0}, {"name": "ratio", "value": 1.0}]},
-         InputError, "other is None; would fit: joint: and a name"),
-        ({"effect": "hard_stop", "parameters": [{"name": "range", "value": 1.0}]},
-         InputError, "side is None; would fit: -1 or 1"),
-        ({"effect": "backlash", "native": True, "measured": "motor",
-          "parameters": [{"name": "gap", "value": 0.1}]}, InputError,
-         "patched.xml has no joint 'elbow_play'"),
-        ({"effect": "command_delay", "target": "actuator:elbow_servo",
-          "parameters": [{"name": "delay", "value": -0.1}]}, InputError,
-         "value of delay is -0.1; would fit: 0 or more"),
+        ({"target": "joint:wrist"}, "no joint 'wrist'"),
+        ({"target": "elbow"}, "'elbow'; would fit: joint:"),
+        ({"target": "world"}, "'world'; would fit: joint: and a name"),
+        ({"target": "body:forearm"}, "target is 'body:forearm'; would"),
+        ({"target": 3}, r"json: findings\[0\].target is 3; would fit"),
+        ({"effect": 3}, "effect is 3; would fit: a valid string"),
+        ({"effect": "gremlins"}, "unknown effect.*gremlins"),
+        ({"effect": "gremlins", "native": True}, "unknown effect.*gremlins"),
+        (
+            {"effect": "ground_friction", "target": "world", **_state(friction=0.5)},
+            "no ground",
+        ),
+        ({"effect": "asymmetric_friction"}, "fit: positive, negative"),
+        ({"parameters": None}, "parameters is None; would fit: a valid array"),
+        ({"parameters": []}, r"is \[\]; would fit: frictionloss"),
+        ({"parameters": [{"value": 1.0}]}, "name is missing"),
+        (_state(frictionloss=None), "None; would fit: a valid number"),
+        (_state(frictionloss="much"), "'much'; would fit: a valid number"),
+        (_state(frictionloss=True), "True; would fit: a valid number"),
+        (_state(frictionloss=HUGE), "fit: a finite number"),
+        (_state(frictionloss=[]), "fit: a number"),
+        (_state(frictionloss=NAN), "NaN is no number"),
+        (_state(frictionloss=-INFINITY), "-Infinity is no"),
+        (_state(frictionloss=1e13), r"-1e\+12 to 1e\+12"),
+        (
+            {"effect": "quadratic_damping", **_state(damping2=-1e9)},
+            "damping2 is -1000000000.0; would fit: 0 or more",
+        ),
+        ({**DELAY, **_state(delay=-0.1)}, "delay is -0.1; would fit: 0 or more"),
+        (
+            {**STOP, "measured": "link"},
+            "measured is 'link'; would fit: no measured beside hard_stop",
+        ),
+        ({**STOP, "other": "joint:wrist"}, "fit: no other beside hard_sto"),
+        ({**STOP, "side": True}, "side is True; would fit: -1 or 1"),
+        ({**STOP, "side": None}, "side is None; would fit: -1 or 1"),
+        ({**STOP, "native": "no"}, "native is 'no'; would fit: a valid boolean"),
+        ({**SLOPE, "side": 3}, "side is 3; would fit: 1 or -1"),
+        (COUPLING, "other is None; would fit: joint: and a name"),
+        ({**PLAY, "measured": "motor"}, "patched.xml has no joint 'elbow_play'"),
     ],
-)  # fmt: skip
+)
 def test_a_finding_that_says_nothing_of_this_model_is_refused(
-    finding, kind, said, empty_diagnosis
+    finding, said, empty_diagnosis
 ):
     out, recording = empty_diagnosis
     write_finding(out, **finding)
-    with pytest.raises(kind, match=said):
+    with pytest.raises(InputError, match=said):
         replay_recording(out, recording)
 
 

@@ -10,8 +10,9 @@ import pytest
 
 from selfheal.diagnosis.estimation.information import Information
 from selfheal.diagnosis.output import storage
-from selfheal.diagnosis.output.result import Diagnosis, Localization
+from selfheal.diagnosis.output.result import Diagnosis
 from selfheal.errors import InputError, RunLockError, SelfhealError
+from tests.support.diagnosis_folder import make_document, make_small_diagnosis
 from tests.support.recorded_robots import ROBOTS
 
 FILES = sorted([*storage.FILES, storage.INFORMATION])
@@ -26,33 +27,37 @@ def given(tmp_path_factory):
 
 
 KNOWN = Information(
-    ("joint:hip/damping",), np.ones(1), np.full(1, 44.0), np.full((2, 1, 1), 9.0),
-    np.zeros((2, 1)), 1.0,
-)  # fmt: skip
+    parameters=("joint:hip/damping",),
+    values=np.ones(1),
+    prior=np.full(1, 44.0),
+    gram=np.full((2, 1, 1), 9.0),
+    gradient=np.zeros((2, 1)),
+    variance=1.0,
+)
 
 
 def _diagnosis(given, verdict="nothing", page="<html/>") -> Diagnosis:
-    document = {
-        "format": "selfheal-diagnosis", "version": 1, "verdict": verdict,
-        "findings": [], "refit": [], "fit": {"floor": float("nan")},
-    }  # fmt: skip
-    located = Localization((), (), np.zeros((0, 0)), np.zeros((0, 0)))
-    return Diagnosis(
-        str(given), document, (), given.read_text(), "", (), located, (), (), (), 1.0,
-        2, page, information=KNOWN,
-    )  # fmt: skip
+    document = make_document(verdict=verdict, fit={"floor": float("nan")})
+    fields = {"patched": given.read_text(), "page": page, "information": KNOWN}
+    return make_small_diagnosis(str(given), document, **fields)
 
 
 def _names(path) -> list[str]:
     return sorted(p.name for p in path.iterdir())
 
 
-def test_a_diagnosis_is_whole_and_is_read_back(given, tmp_path):
+@pytest.mark.parametrize("is_there", [False, True])
+def test_a_diagnosis_is_whole_and_is_read_back(is_there, given, tmp_path):
     out = tmp_path / "out"
+    if is_there:
+        out.mkdir()
     _diagnosis(given).save(out)
     assert _names(out) == FILES and _names(tmp_path) == ["out"]
     assert storage.read_document(out)["verdict"] == "nothing"
     assert storage.read_document(out)["fit"] == {"floor": None}
+    with h5py.File(out / "information.h5") as file:
+        assert file["parameters"].asstr()[:].tolist() == list(KNOWN.parameters)
+        assert (file["gram"][:] == KNOWN.gram).all()
 
 
 def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
@@ -62,22 +67,8 @@ def test_an_earlier_diagnosis_is_replaced_by_force_only(given, tmp_path):
         _diagnosis(given, "unlisted").save(out)
     assert storage.read_document(out)["verdict"] == "nothing"
     _diagnosis(given, "unlisted").save(out, force=True)
-    assert storage.read_document(out)["verdict"] == "unlisted" and _names(tmp_path) == [
-        "out"
-    ]
-
-
-def test_gram_matrices_are_read_back(given, tmp_path):
-    _diagnosis(given).save(tmp_path / "out")
-    with h5py.File(tmp_path / "out" / "information.h5") as file:
-        assert file["parameters"].asstr()[:].tolist() == list(KNOWN.parameters)
-        assert (file["gram"][:] == KNOWN.gram).all()
-
-
-def test_an_empty_folder_is_taken(given, tmp_path):
-    (tmp_path / "out").mkdir()
-    _diagnosis(given).save(tmp_path / "out")
-    assert _names(tmp_path / "out") == FILES
+    assert storage.read_document(out)["verdict"] == "unlisted"
+    assert _names(tmp_path) == ["out"]
 
 
 @pytest.mark.parametrize("force", [False, True])
@@ -104,32 +95,30 @@ def test_a_file_is_no_folder(tmp_path):
         storage.check_folder(tmp_path / "out", True)
 
 
-@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("page", ["old", None])
 def test_a_diagnosis_that_cannot_be_written_leaves_what_was_there(
-    there, given, tmp_path, monkeypatch
+    page, given, tmp_path, monkeypatch
 ):
-    out = tmp_path / "out"
-    if there:
-        _diagnosis(given, page="old").save(out)
-    with pytest.raises(AttributeError):
-        _diagnosis(given, page=None).save(out, force=True)
-    assert _names(tmp_path) == (["out"] if there else [])
-    if there:
-        assert (out / "report.html").read_text() == "old"
-
-    replace = os.replace
+    out, replace = tmp_path / "out", os.replace
+    if page:
+        _diagnosis(given, page=page).save(out)
 
     def refuse(old, new):
         if str(old).endswith(".tmp"):
             raise OSError(errno.ENOSPC, "the disk is full")
         replace(old, new)
 
+    def check():
+        assert _names(tmp_path) == (["out"] if page else [])
+        assert not page or (out / "report.html").read_text() == page
+
+    with pytest.raises(AttributeError):
+        _diagnosis(given, page=None).save(out, force=True)
+    check()
     monkeypatch.setattr(os, "replace", refuse)
     with pytest.raises(SelfhealError, match="the disk is full"):
         _diagnosis(given, page="new").save(out, force=True)
-    assert _names(tmp_path) == (["out"] if there else [])
-    if there:
-        assert (out / "report.html").read_text() == "old"
+    check()
 
 
 def _claim(out, **options):

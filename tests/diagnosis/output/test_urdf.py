@@ -1,19 +1,14 @@
 """A URDF from end to end: the patch is MJCF, and all that it stated is still there."""
 
-import xml.etree.ElementTree as ElementTree
-from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from selfheal.cli import app
 from selfheal.diagnosis import diagnose as module
 from selfheal.diagnosis.effects import load_catalogue
 from selfheal.diagnosis.effects.nominal import build_nominal_terms
-from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
-from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.errors import ModelError, RecordingError
 from selfheal.mjcf.edit import apply_edits
 from selfheal.recording import (
@@ -23,7 +18,8 @@ from selfheal.recording import (
     read_names,
     write,
 )
-from tests.support.patched_models import check_same_robot, compile_patch
+from tests.support.commands.run import run_well
+from tests.support.patched_models import check_patch, make_case
 from tests.support.recorded_robots import NO_COMMAND, Robot, record
 
 URDF = """<?xml version="1.0"?>
@@ -81,11 +77,6 @@ def _dry(model) -> None:
     model.dof_frictionloss[0] = DRY
 
 
-def _run(*arguments):
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    assert result.exit_code == 0, result.output
-
-
 @pytest.fixture(scope="module")
 def diagnosed(tmp_path_factory):
     """A folder with a URDF, a recording, and the diagnosis in `out`."""
@@ -98,7 +89,7 @@ def diagnosed(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "load_catalogue", lambda: small)
         out = ["--out", home / "out"]
-        _run("diagnose", home / "robot.urdf", home / "recording.h5", *out)
+        run_well("diagnose", home / "robot.urdf", home / "recording.h5", *out)
     return home
 
 
@@ -121,7 +112,7 @@ def test_it_is_replayed_on_the_patch_and_on_the_urdf(
 ):
     monkeypatch.chdir(diagnosed)
     out = tmp_path / "predicted.h5"
-    _run("replay", "out", "recording.h5", "--out", out, *other)
+    run_well("replay", "out", "recording.h5", "--out", out, *other)
     measured, predicted = read("recording.h5"), read(out)
     for name, episode in measured.episodes.items():
         for key, signal in episode.signals.items():
@@ -147,26 +138,14 @@ def test_the_text_says_what_the_diagnosis_means(tmp_path):
     <parent link="floor"/><child link="stand"/><origin xyz="1 2 3" rpy="0 0 0.5"/>
     </joint><link name="stand"/>"""
     (tmp_path / "robot.urdf").write_text(URDF.replace('<link name="stand"/>', fixed))
-    recording = record(SWINGING, episodes=1, seconds=0.3)
-    simulator = build_simulator(
-        ModelCompiler(str(tmp_path / "robot.urdf")), [recording]
-    )
-    case = SimpleNamespace(
-        compiler=simulator.compiler,
-        training=simulator,
-        robot=summarize_robot(simulator),
-    )
+    case = make_case(tmp_path / "robot.urdf", SWINGING)
     terms = build_nominal_terms(case.robot)
-    values = np.linspace(0.98, 1.02, len(terms))
-    new = compile_patch(case, terms, values, tmp_path)
-    check_same_robot(
-        new, simulator.compiler.compile_variant(terms).build_model(terms, values)
-    )
+    check_patch(case, terms, np.linspace(0.98, 1.02, len(terms)), tmp_path)
 
 
 def test_commands_to_a_urdf_are_refused_with_what_would_help(recording, tmp_path):
     (tmp_path / "robot.urdf").write_text(URDF)
-    with pytest.raises(RecordingError, match="'pusher'.*selfheal model prepare"):
+    with pytest.raises(RecordingError, match=r"'pusher'.*selfheal model prepare"):
         check_against_model(recording, read_names(tmp_path / "robot.urdf"))
 
 
@@ -174,5 +153,5 @@ def test_a_mesh_of_a_ros_package_is_refused_with_what_would_help(tmp_path):
     mesh = '<mesh filename="package://robot/link.stl"/>'
     text = URDF.replace('<box size="0.02 0.02 0.2"/>', mesh)
     (tmp_path / "robot.urdf").write_text(text)
-    with pytest.raises(ModelError, match="link.stl.*would fit.*strippath"):
+    with pytest.raises(ModelError, match=r"link\.stl.*would fit.*strippath"):
         load_model(tmp_path / "robot.urdf")

@@ -78,8 +78,8 @@ def test_the_diff_makes_the_users_file_the_patched_one(given):
 
 def test_an_inertia_changes_in_the_link_that_states_it(given):
     """A tool at a fixed joint, which is one body with the link, stays as it is."""
-    body = {"mass": "0.6", "pos": "0.01 0.01 -0.12", "diaginertia": "0.004 0.004 0.002",
-            "quat": "1 0 0 0"}  # fmt: skip
+    body = {"mass": "0.6", "pos": "0.01 0.01 -0.12", "quat": "1 0 0 0"}
+    body["diaginertia"] = "0.004 0.004 0.002"
     out = save_diagnosis(given, [Set("inertial", "upper", body)])
     urdf, patched = load_model(out / "patched.urdf"), load_model(out / "patched.xml")
     assert urdf.body("upper").mass[0] == pytest.approx(0.6)
@@ -111,9 +111,8 @@ def test_a_model_that_was_prepared_of_a_urdf_gives_that_back(given):
     out.parent.mkdir()
     write_model(prepare_model(given, out.parent, Gains({"": 20.0}, {})), out)
     servo = {"kp": "22", "forcerange": "-25 25"}
-    edits = [Set("joint", "shoulder", {"frictionloss": "0.14"}),
-             Set("actuator", "shoulder", servo)]  # fmt: skip
-    folder = save_diagnosis(out, edits)
+    friction = Set("joint", "shoulder", {"frictionloss": "0.14"})
+    folder = save_diagnosis(out, [friction, Set("actuator", "shoulder", servo)])
     text = (folder / "patched.urdf").read_text()
     assert 'friction="0.14"' in text and 'effort="25"' in text
     assert load_model(folder / "patched.urdf").nmesh == 1

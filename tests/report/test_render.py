@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from selfheal.report import render
-from selfheal.report.film import make_film
 from selfheal.report.motion import Lane
 from selfheal.robot.actions import load_published_body
 
@@ -21,12 +20,10 @@ def _lanes(heading):
     """One that goes half a meter along a heading, one that stays."""
     way = np.linspace(0, 0.5, ROWS)[:, None] * [np.cos(heading), np.sin(heading), 0]
     level, still = np.tile([1.0, 0, 0, 0], (ROWS, 1)), np.zeros((ROWS, 8))
+    goes, stays = (np.add(place, [0, 0, 0.1]) for place in (way, 0 * way))
     return [
-        Lane(title, color, BODY, position + [0, 0, 0.1], level, still)
-        for title, color, position in (
-            ("goes", "#0072b2", way),
-            ("stays", "#d55e00", 0 * way),
-        )
+        Lane("goes", "#0072b2", BODY, goes, level, still),
+        Lane("stays", "#d55e00", BODY, stays, level, still),
     ]
 
 
@@ -53,27 +50,29 @@ def _moves(frames):
 
 @pytest.mark.parametrize("program", [None, "/bin/false", "/not/there"])
 def test_without_opengl_the_walk_is_drawn(monkeypatch, program):
-    if (
-        program is not None
-    ):  # as where the driver ends the process, or none can be started
+    if program is not None:  # the driver ends the process, or none can be started
         monkeypatch.delenv("MUJOCO_GL")
         monkeypatch.setattr(render.sys, "executable", program)
-    kind, frames = _frames(make_film(_lanes(0.0), 0.0, "c & d", sample=0.1))
-    assert kind == "gif" and _moves(frames)
+    page = render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    kind, frames = _frames(page)
+    assert kind == "gif" and _moves(frames) and "c &amp; d" in page
 
 
-def test_a_driver_that_does_not_answer_is_given_up(monkeypatch, renderer):
-    monkeypatch.setattr(render, "_LONGEST", 0.01)
-    assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
+def _wait(command, **more):
+    raise subprocess.TimeoutExpired(command, more["timeout"])
 
 
-def test_what_is_rendered_as_one_color_is_not_shown(monkeypatch, renderer):
-    def blank(command, **more):
-        for k in range(2):
-            np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
-        return subprocess.CompletedProcess(command, 0)
+def _render_blank(command, **more):
+    for k in range(2):
+        np.save(f"{command[-1]}/pictures_{k}.npy", np.zeros((1, 4, 4, 3), np.uint8))
+    return subprocess.CompletedProcess(command, 0)
 
-    monkeypatch.setattr(render.subprocess, "run", blank)
+
+@pytest.mark.parametrize("driver", [_wait, _render_blank])
+def test_a_driver_without_an_answer_or_of_one_color_is_given_up(
+    driver, monkeypatch, renderer
+):
+    monkeypatch.setattr(render.subprocess, "run", driver)
     assert render.render_lanes(_lanes(0.0), 0.0, [0]) is None
 
 
@@ -90,7 +89,7 @@ def opengl():
 
 @pytest.mark.slow
 def test_with_opengl_the_walk_is_rendered(opengl, renderer):
-    page = make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
+    page = render.make_film(_lanes(0.0), 0.0, "c & d", sample=0.1)
     kind, frames = _frames(page)
     assert kind == "webp" and _moves(frames)
     assert "c &amp; d" in page and len(page) < 3_000_000

@@ -5,18 +5,20 @@ import json
 import pytest
 
 from selfheal.study.after_damage import run_after_damage
-from selfheal.study.methods import METHODS, run_method
 from selfheal.study.plan import StudyRequest, find_study
+from selfheal.study.trees import METHODS, run_method
 
 
 def test_the_page_of_actions_has_each_method_against_each(rng):
     def record(method, success, seed):
-        outcome = {"success": success, "error": [rng.random() + 9 * (not success)],
-                   "disagreement": [rng.random()], "edge_f1": float(success),
-                   "evaluations": 1, "choice": 0, "stated": [1.0, 0.9],
-                   "right": [True, success]}  # fmt: skip
-        return {"settings": {"method": method, "seed": seed}, "outcome": outcome,
-                "seconds": 1.0}  # fmt: skip
+        error = rng.random() + 9 * (not success)
+        outcome = {
+            **{"success": success, "error": [error], "disagreement": [rng.random()]},
+            **{"edge_f1": float(success), "evaluations": 1, "choice": 0},
+            **{"stated": [1.0, 0.9], "right": [True, success]},
+        }
+        settings = {"method": method, "seed": seed}
+        return {"settings": settings, "outcome": outcome, "seconds": 1.0}
 
     study = find_study("actions")
     methods = {
@@ -36,8 +38,8 @@ def test_the_page_of_actions_has_each_method_against_each(rng):
 
 def test_lengths_stated_are_counted_against_true_ones():
     whole, short = [0.5, 1.5, 0.9, 1.0], [0.5, 1.5, 0.9, 0.1]
-    outcome = {"success": True, "error": [0.1], "actions": [3], "evaluations": 1,
-               "lengths": [whole, whole, whole, short]}  # fmt: skip
+    outcome = {"success": True, "error": [0.1], "actions": [3], "evaluations": 1}
+    outcome["lengths"] = [whole, whole, whole, short]
     settings = {"robot": "starfish", "phase": "after", "method": "ours"}
     record = {"settings": settings, "outcome": outcome, "seconds": 1.0}
     *_, table = find_study("table3").make_tables([record] * 5)
@@ -49,8 +51,9 @@ def test_lengths_stated_are_counted_against_true_ones():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["paper", "random-alternate"])
 def test_a_run_of_2006_spends_what_its_actions_allow(method, shared_recordings):
-    settings = {"robot": "starfish-2006", "method": method, "seed": 4,
-                "recordings": str(shared_recordings / "starfish_2006")}  # fmt: skip
+    folder = str(shared_recordings / "starfish_2006")
+    settings = {"robot": "starfish-2006", "method": method, "recordings": folder}
+    settings["seed"] = 4
     short, longer = (run_method(settings, cycles=n, budget=1) for n in (1, 2))
     ceiling = [15 * (200 * sum(range(1, n + 1)) + n) for n in (1, 2)]
     assert short["evaluations"] < longer["evaluations"]

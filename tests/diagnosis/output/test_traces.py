@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.diagnosis.output import pose_trace
-from selfheal.diagnosis.output.pose_trace import make_pose_trace
+from selfheal.diagnosis.output import traces
+from selfheal.diagnosis.output.traces import make_pose_trace
 from selfheal.diagnosis.simulation.build import build_simulator
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from selfheal.diagnosis.simulation.score import cut_replay_segments
@@ -42,31 +42,26 @@ def test_the_film_shows_what_the_curves_do(tmp_path):
     simulator, segments = _read("pendulum", tmp_path / "a.xml", episodes=2)
     film = _film(simulator, segments, chosen=1)
     rows = segments.find_sample_rows(np.array([1]))
-    (column,) = [c.first_column for c in simulator.channels if c.target == "hinge"
-                 and c.kind == "joint_position"]  # fmt: skip
+    wanted = ("joint_position", "hinge")
+    (channel,) = [c for c in simulator.channels if (c.kind, c.target) == wanted]
+    column = channel.first_column
     time = segments.sample_steps[rows] * simulator.timestep
-    predicted = simulator.simulate(*_rows(GIVEN), segments)[0][rows, column]
-    for seen, curve in ((film.measured, segments.readings[rows, column]),
-                        (film.given, predicted)):  # fmt: skip
+    predicted = simulator.simulate((), np.zeros((1, 0)), segments)[0][rows, column]
+    read = segments.readings[rows, column]
+    for seen, curve in ((film.measured, read), (film.given, predicted)):
         at = np.interp(film.time, simulator.episodes[1].start + time, curve)
         assert _bend(seen) == pytest.approx(at, abs=0.02 * np.ptp(curve))
     assert (film.given == film.patched).all()
     assert film.episode == simulator.episodes[1].id and film.unread == ()
 
 
-def _rows(model):
-    terms, values = model
-    return terms, values[None]
-
-
 def test_a_long_stretch_is_shown_where_it_is_worst(tmp_path, monkeypatch):
-    monkeypatch.setattr(pose_trace, "LONGEST", 0.5)
+    monkeypatch.setattr(traces, "LONGEST", 0.5)
     simulator, segments = _read("pendulum", tmp_path / "a.xml", episodes=1, seconds=2.0)
     for worst in (0.0, 1.1, 2.0):
         time = segments.sample_steps * simulator.timestep
-        film = _film(
-            simulator, segments, squares=np.exp(-(((time - worst) / 0.05) ** 2))
-        )
+        squares = np.exp(-(((time - worst) / 0.05) ** 2))
+        film = _film(simulator, segments, squares=squares)
         seen = film.time - simulator.episodes[0].start
         assert np.ptp(seen) == pytest.approx(0.5)
         assert seen[0] - 1e-6 <= worst <= seen[-1] + simulator.timestep + 0.01
@@ -75,9 +70,8 @@ def test_a_long_stretch_is_shown_where_it_is_worst(tmp_path, monkeypatch):
 def test_joints_that_nothing_reads_are_named_and_move_as_given(tmp_path):
     signals = record(ROBOTS["arm"], seconds=0.1).episodes["000"].signals
     of_elbow = [k for k, s in signals.items() if "elbow" in f"{k} {s.target}"]
-    simulator, segments = _read("arm", tmp_path / "a.xml", drop=of_elbow, episodes=1,
-                                seconds=0.5)  # fmt: skip
-    film = _film(simulator, segments)
+    how = {"drop": of_elbow, "episodes": 1, "seconds": 0.5}
+    film = _film(*_read("arm", tmp_path / "a.xml", **how))
     assert film.unread == ("elbow",)
     assert np.isfinite(film.measured).all()
 
