@@ -5,7 +5,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from ..extras import import_extra
 from ..files import atomic_path, write_text
 from .simulate import Run
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
 
 def write_csv(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
     """A table in milliseconds and degrees, as a servo's software writes it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time [ms]", "run", *(f"{word} {name} [deg]"
-                     for word in ("goal", "angle") for name in joints)])  # fmt: skip
+    heads = [f"{word} {name} [deg]" for word in ("goal", "angle") for name in joints]
+    writer.writerow(["time [ms]", "run", *heads])
     for number, run in enumerate(runs):
         values = np.rad2deg(np.hstack([run.goal, run.position]))
         for time, row in zip(run.time, values, strict=True):
@@ -133,8 +136,8 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
 
 
 def _make_joint_state(
-    store: Any, stamp: int, joints: Sequence[str], run: Run, row: int
-) -> Any:
+    store: "Typestore", stamp: int, joints: Sequence[str], run: Run, row: int
+) -> object:
     """A sensor_msgs/JointState of a row of a run."""
     types = store.types
     seconds, rest = divmod(stamp, 10**9)
@@ -146,7 +149,7 @@ def _make_joint_state(
     )
 
 
-def _make_array(store: Any, values: np.ndarray) -> Any:
+def _make_array(store: "Typestore", values: np.ndarray) -> object:
     """A std_msgs/Float64MultiArray of numbers (J)."""
     types = store.types
     layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)

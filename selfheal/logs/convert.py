@@ -20,7 +20,7 @@ from .import_report import ImportReport
 from .log_map import COMMAND, LogMap
 from .offsets import estimate_offsets, find_common_lag
 from .resolve import Channel, check_commands, name_signals, resolve_rules
-from .spool import Spool
+from .spool import open_spool
 
 if TYPE_CHECKING:
     import mujoco
@@ -71,7 +71,7 @@ def import_logs(
     with open_writer(path, robot, source, compression=compression) as writer:
         for k, (log, channels) in enumerate(zip(logs, resolved, strict=True)):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
-            with Spool(Path(os.path.realpath(path)).parent) as spool:
+            with open_spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
                 converter.read_log(report and _scale_report(report, sizes, k))
                 rows += max(spool.rows.values(), default=0)

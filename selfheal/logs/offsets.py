@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -213,24 +214,20 @@ def _read_value(
 
     if kind == "joint_velocity":
         return data.qvel[model.joint(target).dofadr].copy()
-    if kind == "body_position":
-        return data.body(target).xpos.copy()
-    if kind == "body_orientation":
-        return data.body(target).xmat.copy()
-    if kind in ("body_linear_velocity", "body_angular_velocity"):
-        is_local = int(kind == "body_angular_velocity")
-        speed, body = np.empty(6), mujoco.mjtObj.mjOBJ_XBODY
-        number = model.body(target).id
-        mujoco.mj_objectVelocity(model, data, body, number, speed, is_local)
-        return speed[:3] if is_local else speed[3:]
-    if kind == "sensor":
-        sensor = model.sensor(target)
-        if mujoco.mjtStage(sensor.needstage[0]) == mujoco.mjtStage.mjSTAGE_ACC:
-            return None
-        values = data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]].copy()
-        is_quaternion = sensor.dim[0] == 4
-        return _rotate(values) if is_quaternion else values
-    return None
+    if kind.startswith("body_"):
+        body, speed = data.body(target), np.empty(6)
+        local = int(kind == "body_angular_velocity")
+        of = mujoco.mjtObj.mjOBJ_XBODY
+        mujoco.mj_objectVelocity(model, data, of, body.id, speed, local)
+        velocity = speed[:3] if local else speed[3:]
+        poses = {"body_position": body.xpos, "body_orientation": body.xmat}
+        return poses.get(kind, velocity).copy()
+    sensor = model.sensor(target) if kind == "sensor" else None
+    forces = mujoco.mjtStage.mjSTAGE_ACC
+    if sensor is None or mujoco.mjtStage(sensor.needstage[0]) == forces:
+        return None
+    values = data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]].copy()
+    return _rotate(values) if sensor.dim[0] == 4 else values
 
 
 def _rotate(quaternion: Floats) -> Floats:
@@ -269,7 +266,7 @@ def _estimate(
     edges = np.linspace(start, end, _BLOCKS + 1)
     parts = [
         shift
-        for low, high in zip(edges, edges[1:], strict=False)
+        for low, high in pairwise(edges)
         for shift, found in [_find_shift(grid, pairs, low, high)]
         if found > _LEAST_CORRELATION
     ]

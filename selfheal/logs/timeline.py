@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,7 +139,7 @@ def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
             ahead = stream.time[min(int(row) + _MOST_LATE, count - 1)]
             new[row] = ahead < stream.time[row - 1]
     cuts = [0, *np.flatnonzero(new), count]
-    for start, end in zip(cuts, cuts[1:], strict=False):
+    for start, end in pairwise(cuts):
         if start < end:
             label = -1 if stream.label is None else int(stream.label[start])
             yield label, _count_rows(start, end)

@@ -25,10 +25,7 @@ _BODIES = ("worldbody", "body")
 SETTINGS = ("compiler", "option", "size", "statistic", "visual")
 SECTIONS = ("actuator", "contact", "equality", "keyframe", "sensor", "tendon")
 # elements that have an id in a compiled model, and can be edited by it
-WITH_IDS = (
-    "body", "inertial", "joint", "geom", "site", "actuator", "contact", "equality",
-    "keyframe", "sensor", "tendon",
-)  # fmt: skip
+WITH_IDS = ("body", "inertial", "joint", "geom", "site", *SECTIONS)
 MAKERS = ("replicate", "composite", "flexcomp", "attach")
 
 
@@ -173,18 +170,18 @@ class MjcfDocument:
             replace_children(above, above.children.index(include), pieces, replaced=1)
         return element
 
-    def get_section(self, tag: str) -> Element:
-        """The main file's last section or setting of a tag; made if it has none."""
-        found = self.list_sections(tag)
-        if found and not found[-1].list_includes():
-            return self.inline(found[-1])
-        return self.insert(self.root, f"<{tag}/>", first=False)
+    def get_section(self, tag: str, *, first: bool) -> Element:
+        """A section or setting of a tag, made if there is none.
 
-    def get_first_section(self, tag: str) -> Element:
-        """The model's first section of a tag, inlined; made if it has none."""
+        Args:
+            first: whether it is the model's first one, which is inlined; else it is the
+                main file's last one.
+        """
         found = self.list_sections(tag)
-        if found:
+        if first and found:
             return self.inline(found[0])
+        if found and not found[-1].list_includes():
+            return found[-1]
         return self.insert(self.root, f"<{tag}/>", first=False)
 
     def list_default_classes(self) -> dict[str, Element]:
@@ -213,7 +210,7 @@ class MjcfDocument:
                 for holder in holders:
                     self.inline(holder).set({name: None})
             elif not holders:
-                self.get_section(tag).set({name: value})
+                self.get_section(tag, first=False).set({name: value})
             elif holders[-1].find_changes({name: value}):
                 self.inline(holders[-1]).set({name: value})
 

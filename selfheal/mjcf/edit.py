@@ -196,9 +196,8 @@ def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None
     if edit.tag == "mujoco" and edit.name == "":
         element = tree.root
     elif general:
-        is_first = isinstance(edit, Insert) and edit.first
-        find = tree.get_first_section if is_first else tree.get_section
-        element = find(edit.tag)
+        first = isinstance(edit, Insert) and edit.first
+        element = tree.get_section(edit.tag, first=first)
     elif element is None:
         element = tree.find(edit.tag, str(edit.name))
     if isinstance(edit, Insert):

@@ -231,7 +231,7 @@ def find_indentation(element: Element) -> str | None:
     pieces = element.parent.children
     at = pieces.index(element)
     before = pieces[at - 1] if at else ""
-    start, line_end, indent = (
+    _, line_end, indent = (
         before.rpartition("\n") if isinstance(before, str) else ("", "", "x")
     )
     if line_end and not indent.strip():

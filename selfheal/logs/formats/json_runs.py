@@ -1,6 +1,7 @@
 """JSON and JSON lines: takes documents of runs, rows or arrays, gives streams."""
 
 import json
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -42,11 +43,9 @@ _ROBOTS = ("robot", "robot_name", "robot_type")
 _TIMES = ("t", "time", "timestamp", "stamp", "time_s")
 _PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
 _RATES = (
-    "hz fps sample_rate sampling_rate sampling_frequency sample_frequency "
-    "control_frequency control_freq action_hz control_hz sample_hz sampling_hz rate_hz "
-    "log_hz record_hz frequency_hz loop_hz"
-).split()
-Arrays = Mapping[str, Values]  # (T) or (T, d), by their paths
+    r"hz|fps|sampl(e|ing)_(rate|frequency)|control_freq(uency)?|"
+    r"(action|control|sample|sampling|rate|log|record|frequency|loop)_hz"
+)
 
 
 class JsonFormat(LogFormat):
@@ -268,7 +267,7 @@ def find_period(document: object) -> float | None:
         if isinstance(value, int | float) and 0 < value < 1e9:
             if name.lower() in _PERIODS:
                 found.add(float(value))
-            elif name.lower() in _RATES:
+            elif re.fullmatch(_RATES, name.lower()):
                 found.add(1 / value)
     return found.pop() if len(found) == 1 else None
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def _join_runs(time: np.ndarray) -> np.ndarray:
     """Times (n) [s] where a run whose time begins again follows the one before it."""
     runs = [rows for _, rows in split_rows(StreamTime(time))]
     joined = time.copy()
-    for before, rows in zip(runs, runs[1:], strict=False):
+    for before, rows in pairwise(runs):
         shift = np.nanmax(joined[before]) + _PAUSE - time[rows[0]]
         joined[rows] += shift
     return joined

@@ -209,8 +209,9 @@ def _take_torques_as_commands(
                 motors[match.place.name],
                 f"{match.why}; the log has no commands",
             )
-            match = replace(match, place=place, sure=0.5 * match.sure, why=why)
-        found.append(match)
+            found.append(Match(match.column, place, 0.5 * match.sure, why))
+        else:
+            found.append(match)
     return found, True
 
 

@@ -1,6 +1,5 @@
 """A proposed map as TOML: a guess in; text with its reasons as comments out."""
 
-import os
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -148,8 +147,8 @@ def _find_pattern(
     found: tuple[str, list[str]] = "", []
     if len(columns) < 3:
         return found
-    start = os.path.commonprefix(list(columns))
-    end = os.path.commonprefix([name[::-1] for name in columns])[::-1]
+    start = _find_common_start(columns)
+    end = _find_common_start([name[::-1] for name in columns])[::-1]
     bare = (re.sub(r"[A-Za-z0-9]*$", "", start), re.sub(r"^.*[A-Za-z0-9]", "", end))
     several = len(streams) > 1
     every = [f"{s.name}:{c}" if several else c for s in streams for c in s.columns]
@@ -161,6 +160,13 @@ def _find_pattern(
             if not found[0] or stars == list(targets):
                 found = f"{first}*{last}", stars
     return found
+
+
+def _find_common_start(texts: Sequence[str]) -> str:
+    """What all texts begin with; their least and greatest have least in common."""
+    ends = min(texts), max(texts)
+    pairs = enumerate(zip(*ends, strict=False))
+    return ends[0][: next((k for k, (a, b) in pairs if a != b), len(ends[0]))]
 
 
 def _explain(line: GuessedLine) -> list[str]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import mean
+from statistics import fmean
 
 import numpy as np
 
@@ -141,7 +141,7 @@ def _guess_common_unit(
     if not any(limits):
         return _guess_by_size(matches, si)
     inside = {
-        name: mean(
+        name: fmean(
             measure_share_inside(m.column.values * get_factor(name), *ends)
             for m, ends in zip(matches, limits, strict=True)
             if ends
@@ -231,7 +231,7 @@ def _guess_share(
     if limits is None or not values.size:
         return None
     least, most = float(values.min()), float(values.max())
-    within = -105 <= least and most <= 105
+    within = least >= -105 and most <= 105
     is_gripper = any(map(_is_gripper, columns)) and least > -5
     if common.unit == SHARE:
         low = 0.0 if is_gripper else -_FULL
@@ -249,46 +249,65 @@ def _guess_share(
     return UnitGuess("", 1, ((low, _FULL), limits), 0.7, why)
 
 
-def guess_moving_unit(
+def is_speed(place: Place) -> bool:
+    """Whether a place has speeds, measured or commanded."""
+    return place.unit.endswith("/s")
+
+
+def guess_speed_unit(
     column: Column, place: Place, relation: Relation | None
-) -> UnitGuess | None:
-    """The unit of a column of speeds, with its sign, or of a position servo's commands.
+) -> UnitGuess:
+    """The unit of a column of speeds, and its sign.
 
     Args:
-        column: of speeds, or of commands.
-        relation: of the position in SI units over the integral of the speed, or over
-            the command; None where there is no position.
-
-    Returns:
-        None of a command which no position follows.
+        relation: of the position in SI units over the integral of the speed; None where
+            there is no position.
     """
-    is_speed = place.unit.endswith("/s")
-    names = _CANDIDATES.get(place.unit, (place.unit,) if is_speed else ())
-    stated = find_stated(column, place.unit)
-    if not names or relation is None or abs(relation.correlation) < STRONG:
-        if not is_speed:
-            return None
+    stated, names = find_stated(column, place.unit), _list_candidates(column, place)
+    if relation is None or abs(relation.correlation) < STRONG:
         if stated:
             return UnitGuess(stated, sure=0.95, why="the log states it")
         return UnitGuess(names[0], sure=0.6, why="no position that moves to compare")
-    slope = abs(relation.slope)
-    distance = {
-        name: abs(math.log(slope / get_factor(name)))
-        for name in ((stated,) if stated else names)
-    }
-    best = min(distance, key=lambda name: distance[name])
-    is_close, sign = distance[best] < _CLOSE, 1 if relation.slope > 0 else -1
-    if is_speed and is_close:
+    best, distance = _find_nearest(names, relation)
+    sign = 1 if relation.slope > 0 else -1
+    if distance < _CLOSE:
         return UnitGuess(best, sign, None, 0.97, "the position is its integral")
-    if is_speed:
-        why = f"the position changes by {relation.slope:.3g} of its integral"
-        return UnitGuess(best, sign, None, 0.4, why)
-    if distance[best] > 2 * _CLOSE:
+    why = f"the position changes by {relation.slope:.3g} of its integral"
+    return UnitGuess(best, sign, None, 0.4, why)
+
+
+def guess_command_unit(
+    column: Column, place: Place, relation: Relation
+) -> UnitGuess | None:
+    """The unit of a position servo's commands; None where no position follows.
+
+    Args:
+        relation: of the position in SI units over the command.
+    """
+    names = _list_candidates(column, place)
+    if place.unit not in _CANDIDATES or abs(relation.correlation) < STRONG:
+        return None
+    best, distance = _find_nearest(names, relation)
+    if distance > 2 * _CLOSE:
         return None
     why = "the position follows it"
-    if distance[best] > _CLOSE:
+    if distance > _CLOSE:
         why += f" by {relation.slope:.3g} {place.unit} for each 1 of it"
     return UnitGuess(best, 1, None, 0.95, why)
+
+
+def _list_candidates(column: Column, place: Place) -> Sequence[str]:
+    """Units that a column may have: the stated one alone where one is."""
+    stated = find_stated(column, place.unit)
+    return (stated,) if stated else _CANDIDATES.get(place.unit, (place.unit,))
+
+
+def _find_nearest(names: Sequence[str], relation: Relation) -> tuple[str, float]:
+    """The unit whose factor is next to a slope, and the logarithm of their ratio."""
+    slope = abs(relation.slope)
+    distance = {name: abs(math.log(slope / get_factor(name))) for name in names}
+    best = min(distance, key=lambda name: distance[name])
+    return best, distance[best]
 
 
 def find_flipped(
