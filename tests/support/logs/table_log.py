@@ -25,8 +25,10 @@ class TableLog(Log):
 
     def __init__(self, streams, name="run.csv", piece=7):
         self.path = Path(name)
-        self.tables = {k: {c: np.asarray(v) for c, v in t.items()}
-                       for k, t in streams.items()}  # fmt: skip
+        self.tables = {
+            key: {column: np.asarray(values) for column, values in table.items()}
+            for key, table in streams.items()
+        }
         self.piece = piece
         self.streams = [
             Stream(key, dict.fromkeys(table, "")) for key, table in self.tables.items()
