@@ -46,8 +46,6 @@ class Log(ABC):
     """A log that was opened.
 
     Attributes:
-        path: file or folder.
-        streams: all that it holds.
         robot: name of the robot where the log states it.
         losses: what of the log is damaged and was left out, in words. It is known
             when all was read.

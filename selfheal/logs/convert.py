@@ -111,7 +111,6 @@ def _list_remarks(
     """What a user should look at: signals without a number, a model without actuators.
 
     Args:
-        resolved: channels of each log.
         read: kind and target of those in which there was a number.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
@@ -126,7 +125,6 @@ def _scale_report(report: Report, sizes: Sequence[int], k: int) -> Report:
     """A report of what is read of one log, as a share of what is done with all.
 
     Args:
-        report: is told a file and that share.
         sizes: of the logs [bytes].
     """
     over, whole = sum(sizes[:k]), max(sum(sizes), 1)

@@ -57,13 +57,8 @@ class Converter:
     """One log on its way into a recording.
 
     Attributes:
-        log: that is read.
-        log_map: of it.
         channels: that are taken; commands in the order of the model's actuators.
-        spool: of its columns.
         prefix: of the ids of its episodes.
-        used: ids that are taken.
-        remarks: what a user should look at.
         read: numbers of the channels in which there was a number.
     """
 

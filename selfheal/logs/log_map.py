@@ -109,14 +109,7 @@ class ColumnRule:
 
 @dataclass(frozen=True, config=_STRICT)
 class LogMap:
-    """Which columns of a log are which signals of a model.
-
-    Attributes:
-        signals: columns that are taken.
-        time: when rows were measured.
-        episodes: what parts the log.
-        version: of the format of the map.
-    """
+    """Which columns of a log are which signals of a model."""
 
     signals: list[ColumnRule]
     time: TimeBase = field(default_factory=TimeBase)
@@ -135,9 +128,6 @@ def read_map(path: str | os.PathLike[str]) -> LogMap:
 
 def parse_map(document: object, name: str) -> LogMap:
     """The map that a TOML document states.
-
-    Args:
-        document: what `tomllib` makes of it.
 
     Raises:
         InputError: it states something that is not known.

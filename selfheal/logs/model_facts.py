@@ -22,7 +22,6 @@ class Place:
 
     Attributes:
         kind: of a column there: one of the contract or "command".
-        name: of the joint, actuator, body or sensor.
         aliases: other names for it: an actuator's joint.
         unit: of the values in the recording.
         width: columns that it takes.

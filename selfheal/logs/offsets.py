@@ -33,7 +33,6 @@ class Offset:
     """By how much the clock of a stream is late against that of the joints.
 
     Attributes:
-        stream: whose clock it is.
         reference: stream of the joints' positions.
         seconds: to be subtracted from the stream's times [s].
         low: end of its 90 % interval [s].

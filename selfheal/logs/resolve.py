@@ -57,9 +57,6 @@ def resolve_rules(
 ) -> list[Channel]:
     """Find the columns and the targets that rules speak of.
 
-    Args:
-        file: name of the map, for messages.
-
     Returns:
         Channels in the order of the rules. No target has two of one kind.
 
@@ -227,7 +224,6 @@ def _map_range(
     """A channel whose columns are shares of a range, with the model's range.
 
     Args:
-        rule: that states the range of the log.
         ends: of the range in the model [its unit].
     """
     if not rule.from_range:
@@ -265,9 +261,6 @@ def _spread(what: str, values: float | Sequence[float], count: int) -> Floats:
 
 def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) -> None:
     """Refuse a map that leaves an actuator without its command.
-
-    Args:
-        file: name of the map, for messages.
 
     Raises:
         InputError: names the actuators.

@@ -20,7 +20,6 @@ class _Piece(NamedTuple):
 
     Attributes:
         first: of the rows.
-        rows: how many.
         place: in the file [B].
     """
 
@@ -49,9 +48,6 @@ class Spool:
 
     A log is read once, row by row, and used column by column; it may be larger than
     the memory.
-
-    Attributes:
-        rows: how many of each stream.
     """
 
     def __init__(self, file: io.FileIO, folder: Path) -> None:

@@ -45,9 +45,6 @@ def explain_damage(path: Path, what: str) -> Iterator[None]:
     The libraries were written for files that are in order: of others they raise
     anything, an AssertionError or a struct.error even.
 
-    Args:
-        what: such a file in words, for the message.
-
     Raises:
         InputError: in place of any other exception; it names the file.
     """

@@ -49,9 +49,7 @@ class Dialect:
 
     Attributes:
         delimiter: between the cells of a row; a blank stands for any run of them.
-        encoding: of the text.
         skip: lines before the first row of data; comments are not counted.
-        columns: by name, in their order.
         decimal: the character before the fraction of a number.
         has_comments: whether there are some in the first lines.
     """

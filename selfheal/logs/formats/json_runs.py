@@ -90,11 +90,7 @@ def _is_lines(path: Path) -> bool:
 
 
 def find_tables(document: object) -> list[Table]:
-    """The tables of a document: runs, rows or arrays, at its top or in its members.
-
-    Args:
-        document: as `json` makes it.
-    """
+    """The tables of a document: runs, rows or arrays, at its top or in its members."""
     if objects := _take_objects(document):
         return [_make_table(objects, "")]
     if not isinstance(document, dict):

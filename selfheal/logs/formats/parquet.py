@@ -101,7 +101,6 @@ def _make_table(
     """The table of files that follow each other.
 
     Args:
-        path: of the file, or of the folder of several.
         names: of the elements of vectors, by the vectors' names.
     """
     reader = f"{__name__}:read_sample"

@@ -22,7 +22,6 @@ def make_decode(coding: str, kind: str, definition: bytes) -> Callable[[bytes], 
     """What makes objects, as `json` has them, of messages.
 
     Args:
-        coding: of the messages, one of `CODINGS`.
         definition: of the type, a FileDescriptorSet where it is protobuf.
 
     Raises:

@@ -28,9 +28,6 @@ class Column:
     """A column of numbers of a log.
 
     Attributes:
-        stream: that it is in.
-        name: in that stream.
-        facts: what its name says.
         values: (n) those of the sample.
         time: (n) [s].
         rule: what a preset states of it, or its motion; None where its name has to
@@ -57,10 +54,7 @@ class Match:
     """A column and whose it is.
 
     Attributes:
-        column: that was assigned.
-        place: to which.
         sure: probability that it is right.
-        why: in a few words.
     """
 
     column: Column

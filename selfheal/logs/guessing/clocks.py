@@ -28,10 +28,8 @@ class TimeGuess:
     """Clocks of the streams of a log.
 
     Attributes:
-        clocks: by stream.
         taken: "STREAM:COLUMN" of the columns that tell time and episodes.
         notes: what was seen of each stream, with how sure.
-        episodes: what parts the log.
     """
 
     clocks: dict[str, Clock] = field(default_factory=dict)

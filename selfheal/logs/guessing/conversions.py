@@ -147,11 +147,7 @@ def _settle_signs(
     position: int,
     command: int,
 ) -> dict[int, UnitGuess]:
-    """Units of a position and a command that move against each other.
-
-    Args:
-        found: units by number of the match.
-    """
+    """Units of a position and a command that move against each other."""
     pair = position, command
     first, second = ((matches[k], found[k]) for k in pair)
     flipped = find_flipped(first, second)

@@ -55,13 +55,9 @@ class Guess:
     """A proposed map.
 
     Attributes:
-        time: clocks and episodes.
-        streams: of the log.
-        lines: what is taken.
         unused: columns that nothing was found for.
         missing: actuators that no command was found for.
         unread: joints that no position was found for.
-        remarks: what a user should look at, in sentences.
     """
 
     time: TimeGuess

@@ -39,10 +39,8 @@ class UnitGuess:
 
     Attributes:
         unit: of it; "" where ranges say it.
-        sign: 1 or -1.
         ranges: of the column and of the joint, where it is a share of that.
         sure: probability that it is right.
-        why: in a few words.
     """
 
     unit: str
@@ -67,10 +65,7 @@ class GuessedLine:
         kind: of the contract or "command".
         columns: with their streams' names where the log holds several.
         targets: in the model, one or one each vector.
-        units: how each target's columns are converted.
         sure: probability that each target's columns are right.
-        why: reason of each.
-        order: of a quaternion.
         missing: what stands for no reading, where rows of it were seen.
     """
 
@@ -176,9 +171,6 @@ def _guess_normalized(matches: Sequence[Match], in_degrees: float) -> UnitGuess 
 
     Args:
         in_degrees: share of values that are within limits in degrees.
-
-    Returns:
-        None where they are not.
     """
     arm = [m.column for m in matches if not _is_gripper(m.column)]
     values = [c.values[np.isfinite(c.values)] for c in arm]
@@ -224,7 +216,6 @@ def _guess_share(
     """How the columns of a joint are shares of its range, where they are.
 
     Args:
-        columns: its command, its reading, or both.
         common: unit of the columns of all joints.
     """
     values = np.concatenate([c.values[np.isfinite(c.values)] for c in columns])
@@ -316,10 +307,6 @@ def find_flipped(
     """Which of two columns that move against each other counts the other way.
 
     The limits of the joint and of the command tell, where they are not symmetric.
-
-    Args:
-        position: of a joint, and its unit.
-        command: of the joint's position servo, and its unit.
 
     Returns:
         "position", "command", or "" where limits do not tell.
