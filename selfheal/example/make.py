@@ -48,10 +48,7 @@ class _Plan:
     """How an example is made.
 
     Attributes:
-        log: name of its log.
-        write: writes that.
         conceal: puts into the compiled model what the text lacks.
-        concealed: that, in a few words.
         rate: [Hz] of the log.
         seconds: [s] of each run.
     """
@@ -129,7 +126,6 @@ def make_example(name: str, folder: str | os.PathLike[str]) -> Example:
     """Make an example in a folder.
 
     Args:
-        name: one of `EXAMPLES`.
         folder: made if it is missing; files of the same names are replaced.
 
     Raises:

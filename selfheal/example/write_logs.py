@@ -32,12 +32,7 @@ def write_csv(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
 
 
 def write_npz(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
-    """Arrays of all joints together, as scripts of legged robots write them.
-
-    Args:
-        runs: of the robot, one behind the other.
-        joints: their names, which are not written.
-    """
+    """Arrays of all joints together, as scripts of legged robots write them."""
     starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(
@@ -55,11 +50,7 @@ _DATA_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet
 
 
 def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
-    """A LeRobot folder, v2.1: degrees, and the last joint in percent of its range.
-
-    Args:
-        runs: of the robot, an episode each.
-    """
+    """A LeRobot folder, v2.1: degrees, and the last joint in percent of its range."""
     import pyarrow
     from pyarrow import parquet
 
@@ -112,7 +103,6 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
 
     Args:
         path: of the folder; one that is there is replaced.
-        runs: of the robot, one behind the other.
     """
     import shutil
 

@@ -29,9 +29,6 @@ def write_mcap(path: Path, recording: Recording, predicted: Recording | None) ->
     A message has `time`, the episode's own [s], and a field for each command or signal;
     one that was not read is left out.
 
-    Args:
-        predicted: the same samples as a model predicts them, or None.
-
     Raises:
         InputError: the library is not installed.
     """

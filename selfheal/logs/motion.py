@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Log, check_rows
+from .base import Floats, Log, check_rows
 
-Floats = NDArray[np.float64]
 _MAX_ROWS = 20_000  # of each stream that a guess looks at; chosen: minutes at 100 Hz
 _MAX_CELLS = 20_000_000  # of all streams; chosen: 160 MB
 _WINDOW = 0.15  # [s] over which speeds are integrated; chosen: above encoder noise

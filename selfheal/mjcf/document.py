@@ -33,10 +33,8 @@ class MjcfDocument:
     """A model as a tree of elements, with included files in their places.
 
     Attributes:
-        path: of the model, as given.
         home: folder of the model, without links.
         file: the main file, as an element without a tag.
-        root: the main file's <mujoco>.
         newline: how the main file ends its lines.
     """
 
@@ -199,11 +197,7 @@ class MjcfDocument:
         return next((a for a in angles[::-1] if a), "degree") == "degree"
 
     def configure(self, tag: str, attributes: Mapping[str, str | None]) -> None:
-        """Change attributes of a setting in the element that has the last word on each.
-
-        Args:
-            attributes: values as MJCF writes them, None to remove one.
-        """
+        """Change attributes of a setting, each in the last element that states it."""
         for name, value in attributes.items():
             holders = [e for e in self.list_sections(tag) if e.get(name) is not None]
             if value is None:
@@ -219,7 +213,6 @@ class MjcfDocument:
 
         Args:
             xml: the text; its indentation is adapted.
-            first: whether it comes before all other children.
 
         Returns:
             The text's first element.

@@ -39,7 +39,6 @@ class Insert:
 
     Attributes:
         tag: of the parent, as in `Set`; also "mujoco". A section's own name is "".
-        name: of the parent.
         xml: the new text; where it stands sets its indentation.
         first: before everything else in the parent.
         angles: attributes [rad] of the new element; written in degrees where the model
@@ -55,14 +54,7 @@ class Insert:
 
 @dataclass(frozen=True)
 class Rename:
-    """Change an element's tag, and attributes as `Set` does.
-
-    Attributes:
-        tag: as in `Set`.
-        name: as in `Set`.
-        to: the new tag.
-        attributes: values as MJCF writes them, None to remove one.
-    """
+    """Change an element's tag, and attributes as `Set` does."""
 
     tag: str
     name: str | int
@@ -77,7 +69,6 @@ class SetDefault:
     Attributes:
         name: of the class; it is in the main file.
         tag: "joint", ...; made where the class says nothing of it yet.
-        attributes: values as MJCF writes them, None to remove one.
     """
 
     name: str
@@ -108,11 +99,7 @@ def _format_digits(value: float) -> str:
 
 
 def unified_diff(given: str, new: str, name: str) -> str:
-    """Unified diff of two versions of a file, as `git apply` and `patch -p1` take it.
-
-    Returns:
-        The diff; empty where the texts are equal.
-    """
+    """Unified diff of two versions of a file, as git takes it; empty of equal texts."""
     name = format_path(name)
     old, now = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
     lines = difflib.unified_diff(old, now, f"a/{name}", f"b/{name}")

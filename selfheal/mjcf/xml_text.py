@@ -64,7 +64,6 @@ class Element:
     Attributes:
         tag: of the element; empty for a file.
         home: folder of the file that the element was read from.
-        attributes: in the text's order.
         space: between the attributes and the end of the start tag.
         close: the end tag; None where the element closes itself.
         children: elements, and the text and comments between them.
@@ -272,7 +271,6 @@ def replace_children(
 
     Args:
         at: index of the first child that is replaced.
-        pieces: elements and texts that become children.
     """
     for piece in pieces:
         if isinstance(piece, Element):

@@ -20,9 +20,6 @@ def find_touching_pairs(model: "mujoco.MjModel") -> list[tuple[int, int]]:
 
     A pair whose distance depends on where a free body is, a foot and the floor say, is
     none.
-
-    Args:
-        model: compiled; its joints are turned within their ranges.
     """
     rng = np.random.default_rng(0)
     poses = (

@@ -26,7 +26,6 @@ class Gains:
             or N/m].
         kv: their damping, likewise [N m s/rad or N s/m]; of a joint without one the
             damping that is critical in the reference pose.
-        passive: names of joints that have no drive.
         motors: whether torques are commanded.
     """
 
@@ -44,7 +43,6 @@ class Drive:
         joint: its name, and the actuator's.
         tag: of MJCF, "position" or "motor".
         attributes: of the actuator beside its name and joint, as MJCF writes them.
-        says: what it is, in words.
         motor: id of the torque motor in whose place it is; None where there was none.
     """
 

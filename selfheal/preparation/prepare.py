@@ -27,12 +27,7 @@ SOURCE = "urdf"  # name of the <text> that says which URDF a model was made of
 
 @dataclass(frozen=True)
 class Preparation:
-    """A prepared model.
-
-    Attributes:
-        text: of the MJCF.
-        steps: what was done and what was left, a sentence each.
-    """
+    """A prepared model."""
 
     text: str
     steps: tuple[str, ...]
@@ -49,7 +44,6 @@ def prepare_model(
     """The MJCF of a robot in which every joint that a drive could turn has one.
 
     Args:
-        path: of the URDF or MJCF.
         folder: where the text will lie; meshes are still found from there.
         weld_base: whether bodies with a free joint lose it.
         without_contacts: whether shapes that give no inertia are left out.

@@ -194,8 +194,6 @@ class Recording:
 
         Args:
             signals: names; None draws all of the first one's unit.
-            episode: its id; None takes the first one.
-            ax: to draw on; None makes a figure of matplotlib's pyplot.
 
         Raises:
             UnknownNameError: there is no such episode or signal.

@@ -31,7 +31,6 @@ def split(
     and qvel0: its initial state was not recorded.
 
     Args:
-        recording: one or more episodes.
         held_out: `id`, `id[t0,t1]` [s], `file.h5:id` or `file.h5:id[t0,t1]`. Without
             any: of one episode the last third, of several a third of them but the
             first, such that what is fitted still spans what is held out.

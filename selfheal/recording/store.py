@@ -83,10 +83,6 @@ def open_recording(
 ) -> Recording:
     """A recording, checked: the one that is given, or the one at a path.
 
-    Args:
-        recording: or its path.
-        model: as of `read`.
-
     Raises:
         RecordingError: it breaks the contract.
     """
