@@ -20,21 +20,19 @@ def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
     Args:
         path: of the map that holds it.
     """
-    columns = []
-    for line in guess.lines:
-        width = len(line.columns) // len(line.targets)
-        columns += [
-            {
-                "columns": line.columns[k * width : (k + 1) * width],
-                "kind": line.kind,
-                "target": target,
-                "unit": line.units[k].unit,
-                "sign": line.units[k].sign,
-                "sure": round(line.sure[k], 3),
-                "why": line.why[k],
-            }
-            for k, target in enumerate(line.targets)
-        ]
+    columns = [
+        {
+            "columns": [*target.columns],
+            "kind": line.kind,
+            "target": target.target,
+            "unit": target.unit.unit,
+            "sign": target.unit.sign,
+            "sure": round(target.sure, 3),
+            "why": target.why,
+        }
+        for line in guess.lines
+        for target in line.targets
+    ]
     return {
         "format": "selfheal-map-guess",
         "version": 1,

@@ -25,7 +25,7 @@ def fold_into_defaults(
     What a joint states itself stays there, and models whose elements MuJoCo multiplies
     stay as they are.
     """
-    document = MjcfDocument(path)
+    document = MjcfDocument(path, in_place=False)
     classes = document.list_default_classes()
     joints = [e for e in document.list_elements(_JOINT) if e.tag == _JOINT]
     if not classes or any(e.tag in MAKERS for e in document.root.walk()):

@@ -43,7 +43,7 @@ class MjcfDocument:
         path: str | os.PathLike[str],
         text: str | None = None,
         *,
-        in_place: bool = False,
+        in_place: bool,
     ) -> None:
         """Read a model's files.
 

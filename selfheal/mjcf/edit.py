@@ -129,7 +129,7 @@ def apply_edits(
         ModelError: a file is missing or no XML, or an element has no text.
         UnknownNameError: a tag that no edit can speak of.
     """
-    tree = MjcfDocument(path)
+    tree = MjcfDocument(path, in_place=False)
     _edit_document(tree, edits)
     relocate_paths(tree, os.path.realpath(folder))
     return tree.file.to_text()
@@ -166,7 +166,8 @@ def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, 
 
     In the order of the text, what is included in place; errors as `patched` says.
     """
-    return [(name_of(e), e.tag) for e in MjcfDocument(path).list_elements(tag)]
+    document = MjcfDocument(path, in_place=False)
+    return [(name_of(e), e.tag) for e in document.list_elements(tag)]
 
 
 def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:

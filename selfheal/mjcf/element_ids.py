@@ -60,7 +60,7 @@ class ElementIds:
 
     def _name_all(self, tag: str) -> tuple[mujoco.MjModel, dict[str | None, Element]]:
         """Name and compile all of a kind: the model, and elements by their names."""
-        copy, elements = MjcfDocument(self._document.path), {}
+        copy, elements = MjcfDocument(self._document.path, in_place=False), {}
         pairs = zip(
             self._document.list_elements(tag), copy.list_elements(tag), strict=True
         )

@@ -38,8 +38,8 @@ def prepare_model(
     folder: str | os.PathLike[str],
     gains: Gains,
     *,
-    weld_base: bool = False,
-    without_contacts: bool = False,
+    weld_base: bool,
+    without_contacts: bool,
 ) -> Preparation:
     """The MJCF of a robot in which every joint that a drive could turn has one.
 
@@ -68,7 +68,7 @@ def prepare_model(
     except ValueError as error:
         said = describe_refusal(name, error) + _explain_shapes(path)
         raise ModelError(said) from error
-    document = MjcfDocument(path, spec.to_xml())
+    document = MjcfDocument(path, spec.to_xml(), in_place=False)
     added = [drive for drive in drives if drive.motor is None]
     section = document.get_section("actuator", first=False) if added else None
     for drive in added:
@@ -108,7 +108,7 @@ def _list_meshes(name: str) -> set[str]:
     """Names of the mesh files that a model's text speaks of."""
     root: Element = parse(Path(name).read_text(errors="replace"), "", name).root()
     if root.tag == "mujoco":
-        root = MjcfDocument(name).root
+        root = MjcfDocument(name, in_place=False).root
     files = (e.get("file") or e.get("filename") for e in root.walk() if e.tag == "mesh")
     return {os.path.basename(file) for file in files if file}
 

@@ -102,7 +102,8 @@ def test_what_values_do_not_tell_is_said_and_a_preset_settles_it(
     guess = guess_map(log, model)
     found = _list_units(guess).items()
     doubtful = [sure for (_, name), (_, sure) in found if name != "gripper"]
-    assert max(doubtful) <= 0.5 and "--preset lerobot-so101" in guess.lines[0].why[0]
+    assert max(doubtful) <= 0.5
+    assert "--preset lerobot-so101" in guess.lines[0].targets[0].why
     preset = read_preset("lerobot-so101")
     text = format_map(guess_map(log, model, preset), "log", "model")
     episode = import_guess(log, text, model, tmp_path / "rec.h5")
@@ -198,7 +199,7 @@ def test_arrays_of_a_base_are_its_pose(order, preset, motion):
     lines = {line.kind: line for line in guess.lines}
     poses = {"body_position", "body_orientation"}
     assert lines.keys() == {"joint_position", COMMAND, *poses}
-    assert all(lines[kind].targets == ["base"] for kind in poses)
+    assert all(lines[kind].targets[0].target == "base" for kind in poses)
     found = lines["body_orientation"].order
     assert found == ("xyzw" if preset else order)  # Isaac Gym's
     assert any("base_lin_vel" in remark for remark in guess.remarks)

@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,7 +35,7 @@ from .clocks import TimeGuess, guess_times
 from .content import find_kinds
 from .conversions import Relations, guess_conversions
 from .presets import apply_preset
-from .unit_guesses import GuessedLine
+from .unit_guesses import GuessedLine, GuessedTarget
 from .vectors import match_vectors
 
 if TYPE_CHECKING:
@@ -159,7 +160,7 @@ def _match_scalars(
     groups = group_scalars(columns, places)
     found = list[Match]()
     for kind in _SCALARS:
-        positions = _list_positions(found)
+        judge = partial(_judge_motion, _list_positions(found), relations)
         left = list(by_kind.get(kind, ()))
         for group_kind, ahead, members in groups:
             if group_kind != kind:
@@ -167,7 +168,7 @@ def _match_scalars(
             got = (
                 _assign_positions(members, left)
                 if kind == "joint_position"
-                else assign_columns(members, left, _Judge(positions, relations))
+                else assign_columns(members, left, judge)
             )
             settled = min(1.0, 0.6 + ahead / 2)
             found += [Match(m.column, m.place, settled * m.sure, m.why) for m in got]
@@ -211,27 +212,15 @@ def _take_torques_as_commands(
     return found, True
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """What values speak for a place.
-
-    Attributes:
-        positions: columns of positions that were found, by their joints.
-        relations: of the columns.
-    """
-
-    positions: Mapping[int, Column]
-    relations: Relations
-
-    def __call__(self, column: Column, place: Place) -> tuple[float, str]:
-        """Nats for a place, and the reason."""
-        position = self.positions.get(place.joint)
-        if position is None or place.kind not in ("joint_velocity", COMMAND):
-            return 0.0, ""
-        relation = self.relations.find(column, position, place)
-        found = abs(relation.correlation)
-        word = "its motion" if found > 0.8 else ""
-        return _FOLLOWS * found**2, word
+def _judge_motion(
+    positions: Mapping[int, Column], relations: Relations, column: Column, place: Place
+) -> tuple[float, str]:
+    """What motion speaks for a place [nats], and the reason."""
+    position = positions.get(place.joint)
+    if position is None or place.kind not in ("joint_velocity", COMMAND):
+        return 0.0, ""
+    found = abs(relations.find(column, position, place).correlation)
+    return _FOLLOWS * found**2, "its motion" if found > 0.8 else ""
 
 
 def _assign_positions(
@@ -264,17 +253,16 @@ def _make_scalar_lines(
     groups = dict[tuple[str, str], list[int]]()
     for k, match in enumerate(matches):
         groups.setdefault((match.place.kind, match.column.stream), []).append(k)
-    return [
-        GuessedLine(
-            kind,
-            [qualify(matches[k].column, several) for k in members],
-            [matches[k].place.name for k in members],
-            [units[k] for k in members],
-            [matches[k].sure * units[k].sure for k in members],
-            ["; ".join(filter(None, (matches[k].why, units[k].why))) for k in members],
-        )
-        for (kind, _), members in groups.items()
-    ]
+    lines = list[GuessedLine]()
+    for (kind, _), members in groups.items():
+        targets = list[GuessedTarget]()
+        for k in members:
+            match, unit = matches[k], units[k]
+            names, why = [qualify(match.column, several)], f"{match.why}; {unit.why}"
+            sure = match.sure * unit.sure
+            targets.append(GuessedTarget(names, match.place.name, unit, sure, why))
+        lines.append(GuessedLine(kind, targets))
+    return lines
 
 
 def _list_remarks(
@@ -317,7 +305,9 @@ def _list_remarks(
         yield f"no number is in {join_names(empty)}"
     if found.unread:
         yield f"no position was found for {join_names(found.unread)}"
-    kinds = Counter(line.kind for line in found.lines for s in line.sure if s < 0.7)
+    kinds = Counter(
+        line.kind for line in found.lines for t in line.targets if t.sure < 0.7
+    )
     for kind, n in kinds.items():
         columns = f"{n} column{'s' * (n > 1)} of {kind}"
         yield f"{columns} less than 70 % sure: see LOOK above"

@@ -58,25 +58,41 @@ class UnitGuess:
 
 
 @dataclass(frozen=True)
+class GuessedTarget:
+    """Columns that a proposed map takes for one thing in the model.
+
+    Attributes:
+        columns: one, or each of a vector, with the stream's name where the log has
+            several.
+        sure: probability that they are right.
+    """
+
+    columns: Sequence[str]
+    target: str
+    unit: UnitGuess
+    sure: float
+    why: str
+
+
+@dataclass(frozen=True)
 class GuessedLine:
-    """Columns that a proposed map takes.
+    """A rule of a proposed map.
 
     Attributes:
         kind: of the contract or "command".
-        columns: with their streams' names where the log holds several.
-        targets: in the model, one or one each vector.
-        sure: probability that each target's columns are right.
+        order: of quaternions.
         missing: what stands for no reading, where rows of it were seen.
     """
 
     kind: str
-    columns: list[str]
-    targets: list[str]
-    units: list[UnitGuess]
-    sure: list[float]
-    why: list[str]
+    targets: Sequence[GuessedTarget]
     order: str = "wxyz"
     missing: float | None = None
+
+    @property
+    def columns(self) -> list[str]:
+        """Those of all targets."""
+        return [name for target in self.targets for name in target.columns]
 
 
 def guess_position_units(

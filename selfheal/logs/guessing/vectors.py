@@ -7,7 +7,7 @@ import numpy as np
 from ..model_facts import Place
 from .assignment import ELEMENT, Column, qualify
 from .column_names import score_names
-from .unit_guesses import GuessedLine, UnitGuess
+from .unit_guesses import GuessedLine, GuessedTarget, UnitGuess
 from .words import read_words
 
 
@@ -57,9 +57,8 @@ def match_vectors(
             why_order = "an array of three"
         guess = UnitGuess("", sure=0.9, why=why_order)
         why = f"{why}; {why_order}" if is_array else why
-        found.append(
-            GuessedLine(place.kind, names, [place.name], [guess], [0.8], [why], order)
-        )
+        target = GuessedTarget(names, place.name, guess, 0.8, why)
+        found.append(GuessedLine(place.kind, [target], order))
     return found, notes
 
 

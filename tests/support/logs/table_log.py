@@ -54,11 +54,9 @@ def make_map(text):
 def list_guessed(guess: Guess) -> dict[tuple[str, str], tuple]:
     """Column, conversion, and how sure it is, by kind and target."""
     return {
-        (line.kind, target): (column, unit, sure)
+        (line.kind, target.target): (target.columns[0], target.unit, target.sure)
         for line in guess.lines
-        for column, target, unit, sure in zip(
-            line.columns, line.targets, line.units, line.sure, strict=True
-        )
+        for target in line.targets
     }
 
 
