@@ -33,7 +33,7 @@ class Example:
         log: as a robot's own software writes it.
         map_file: says which columns of the log are which signals.
         recording: what the map makes of the log.
-        concealed: what the model lacks, in a few words.
+        concealed: what is missing in the model, in a few words.
     """
 
     model: Path
@@ -48,7 +48,7 @@ class _Plan:
     """How an example is made.
 
     Attributes:
-        conceal: puts into the compiled model what the text lacks.
+        conceal: puts into the compiled model what is missing in the text.
         rate: [Hz] of the log.
         seconds: [s] of each run.
     """

@@ -87,7 +87,7 @@ def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> Non
             parquet.write_table(table, temporary)
 
 
-GRIPPER_RANGE = (-0.17, 1.7)  # [rad] of which a desk arm's gripper is told a share
+GRIPPER_RANGE = (-0.17, 1.7)  # [rad] of which a desk arm's gripper is commanded a share
 
 
 def _make_percent(values: np.ndarray) -> np.ndarray:

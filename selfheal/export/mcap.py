@@ -101,8 +101,8 @@ def _describe(columns: Mapping[str, tuple[Floats, str]]) -> dict[str, object]:
     """JSON schema of each field of a message."""
     fields: dict[str, object] = {"time": {**_NUMBER, "description": "s"}}
     for name, (values, unit) in columns.items():
-        plain = _NUMBER if values.ndim == 1 else {"type": "array", "items": _NUMBER}
-        fields[name] = {**plain, "description": unit}
+        form = _NUMBER if values.ndim == 1 else {"type": "array", "items": _NUMBER}
+        fields[name] = {**form, "description": unit}
     return fields
 
 

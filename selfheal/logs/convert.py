@@ -47,7 +47,7 @@ def import_logs(
     Args:
         logs: of one robot; each holds one or more episodes.
         model: compiled.
-        report: is told the file that is read and the share of it, from 0 to 1.
+        report: called with the file that is read and the share of all, from 0 to 1.
 
     Returns:
         What was written, and what of the logs was not taken as it is.
@@ -145,7 +145,7 @@ def _compare_clocks(
     model: "mujoco.MjModel",
     made: ImportReport,
 ) -> None:
-    """Note how the clocks of streams differ, as far as a part of an episode tells."""
+    """Note how the clocks of streams differ, as far as a part of an episode shows."""
     streams = {n: channels[k].stream for k, n in name_signals(channels).items()}
     made.offsets = estimate_offsets(part, streams, model)
     sources = {c.target: c.stream for c in channels if c.kind == COMMAND and c.columns}

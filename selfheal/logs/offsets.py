@@ -146,7 +146,7 @@ def find_common_lag(
 def _place_robot(
     episode: Episode, names: Sequence[str], model: "mujoco.MjModel"
 ) -> _Motion | None:
-    """The motion that signals of positions tell; None where a joint is not read."""
+    """The motion of the measured positions; None where a joint is not measured."""
     import mujoco
     from scipy.signal import savgol_filter
 

@@ -55,7 +55,7 @@ class Channel:
 def resolve_rules(
     rules: Sequence[ColumnRule], log: Log, names: ModelNames, file: str
 ) -> list[Channel]:
-    """Find the columns and the targets that rules speak of.
+    """Find the columns and the targets of rules.
 
     Returns:
         Channels in the order of the rules. No target has two of one kind.
@@ -204,7 +204,7 @@ def _find_target(kind: str, target: str, names: ModelNames) -> Target | None:
 
 
 def _find_width(kind: str, target: str, names: ModelNames) -> int:
-    """Columns of a signal; 0 of a plain one."""
+    """Columns of a signal; 0 of a scalar one."""
     width = _KINDS[kind].width
     return (names.targets["sensor"][target].width or 0) if width is None else width
 

@@ -74,7 +74,7 @@ def read_labels(values: Floats) -> Indices:
     """Numbers of episodes, (n): a row without one belongs to the episode before it.
 
     Args:
-        values: (n) of the column that tells episodes apart; NaN of rows without.
+        values: (n) of the column of labels; NaN of rows without one.
 
     Raises:
         InputError: one is no whole number.

@@ -127,7 +127,7 @@ def apply_edits(
 
     Raises:
         ModelError: a file is missing or no XML, or an element has no text.
-        UnknownNameError: a tag that no edit can speak of.
+        UnknownNameError: a tag that no edit can have.
     """
     tree = MjcfDocument(path, in_place=False)
     _edit_document(tree, edits)
@@ -162,7 +162,7 @@ def _edit_document(tree: MjcfDocument, edits: Sequence[Edit]) -> None:
 
 
 def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
-    """Name and tag of all elements that an edit with this tag can speak of.
+    """Name and tag of all elements that an edit with this tag can change.
 
     In the order of the text, what is included in place; errors as `patched` says.
     """

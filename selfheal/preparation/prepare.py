@@ -105,7 +105,7 @@ def _compile_bare(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
 
 
 def _list_meshes(name: str) -> set[str]:
-    """Names of the mesh files that a model's text speaks of."""
+    """Names of the mesh files in a model's text."""
     root: Element = parse(Path(name).read_text(errors="replace"), "", name).root()
     if root.tag == "mujoco":
         root = MjcfDocument(name, in_place=False).root
@@ -114,7 +114,7 @@ def _list_meshes(name: str) -> set[str]:
 
 
 def _describe_meshes(name: str, spec: "mujoco.MjSpec") -> Iterator[str]:
-    """Which meshes the spec lacks that the text speaks of."""
+    """Which meshes of the text the spec does not have."""
     kept = {os.path.basename(mesh.file) for mesh in spec.meshes}
     if dropped := sorted(_list_meshes(name) - kept):
         yield f"left out meshes that are only seen: {join_names(dropped)}"

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What one sensor said.
+    """Readings of one sensor.
 
     Attributes:
         values: (T) or (T, d) [unit]; NaN where a sample is missing.
@@ -72,7 +72,7 @@ class Kind:
     Attributes:
         target: the sort of thing it belongs to.
         units: those that fit; empty where the model's sensor decides.
-        width: columns; 0 for a plain (T) signal, None where the sensor decides.
+        width: columns; 0 for a scalar (T) signal, None where the sensor decides.
         may_lack_target: True where an empty target has a meaning.
     """
 

@@ -70,7 +70,7 @@ def load(path: str | os.PathLike[str]) -> Recording:
     """Read a recording that is not checked, whatever that does to the process.
 
     Raises:
-        RecordingError: it lacks something.
+        RecordingError: something is missing in it.
         OSError, RuntimeError, KeyError, ValueError, TypeError: h5py's, of a file that
             is damaged.
     """
@@ -193,7 +193,7 @@ def _read_signal(dataset: h5py.Dataset, place: Location) -> Signal:
 
 
 def _find_member(parent: h5py.Group, name: str, place: Location) -> h5py.HLObject:
-    # asked of the link itself: `name in parent` would open the file it points to
+    # by the link itself: `name in parent` would open the file it points to
     links, key = parent.id.links, name.encode()
     if not links.exists(key):
         raise place.make_error(

@@ -78,7 +78,7 @@ def read_start(path: Path, size: int = 16) -> bytes:
 
 
 def get_size(path: Path) -> int:
-    """Size of a file [B], at least 1 so that shares of it can be told."""
+    """Size of a file [B], at least 1 so that it can be divided by."""
     return max(1, os.stat(path).st_size)
 
 
@@ -117,7 +117,7 @@ def name_elements(
 
 
 def check_wanted(log: Log, wanted: Mapping[str, Sequence[str]]) -> None:
-    """Refuse names of streams and columns that a log lacks.
+    """Refuse names of streams and columns that a log does not have.
 
     Raises:
         InputError: names the first.

@@ -28,7 +28,7 @@ class TimeGuess:
     """Clocks of the streams of a log.
 
     Attributes:
-        taken: "STREAM:COLUMN" of the columns that tell time and episodes.
+        taken: "STREAM:COLUMN" of the columns of times and episodes.
         notes: what was seen of each stream, with how sure.
     """
 
@@ -139,7 +139,7 @@ def _guess_time_unit(stated: str, values: np.ndarray) -> tuple[str, float]:
 
 
 def check_time_unit(clock: Clock, what: str, values: np.ndarray) -> str:
-    """What is odd about the unit of a column of times; "" where nothing is.
+    """What is unusual in the unit of a column of times; "" where nothing is.
 
     Args:
         what: the column, as the beginning of a sentence.

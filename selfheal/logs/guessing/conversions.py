@@ -71,7 +71,7 @@ def _relate_speed(column: Column, position: Column) -> Relation:
 def guess_conversions(
     matches: Sequence[Match], relations: Relations
 ) -> list[UnitGuess]:
-    """The unit of each match; those of positions first, for the others hang on them."""
+    """The unit of each match; those of positions first: the others depend on them."""
     found = dict[int, UnitGuess]()
     read = {k: m.place for k, m in enumerate(matches) if m.place.kind == _POSITION}
     positions = {place.joint: k for k, place in read.items()}

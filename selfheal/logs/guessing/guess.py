@@ -41,13 +41,13 @@ from .vectors import match_vectors
 if TYPE_CHECKING:
     import mujoco
 
-# nats that a perfect correlation, and being within limits, speak for a place; chosen
+# evidence of a perfect correlation, and of being within limits [nats]; chosen
 _FOLLOWS, _INSIDE = 2.0, 1.0
 _MOTION = ("joint_position", "joint_velocity", COMMAND)
 _SCALARS = (*_MOTION, "joint_torque", "supply_voltage", "temperature")
 _AS_COMMANDS = (
-    "the log has no commands; the measured efforts are taken for what the motors were "
-    "told: look whether they are torques, or currents"
+    "the log has no commands; the measured efforts are taken for the motors' commands: "
+    "look whether they are torques, or currents"
 )
 
 
@@ -194,7 +194,7 @@ def _take_torques_as_commands(
     motors = {p.name: p for p in by_kind.get(COMMAND, ())}
     torques = {m.place.name for m in matches if m.place.kind == "joint_torque"}
     given = any(m.place.kind == COMMAND for m in matches)
-    # servos are told no torques
+    # servos are not commanded by torques
     if given or not motors or any(place.unit for place in motors.values()):
         return matches, False
     if torques != set(motors):
@@ -215,7 +215,7 @@ def _take_torques_as_commands(
 def _judge_motion(
     positions: Mapping[int, Column], relations: Relations, column: Column, place: Place
 ) -> tuple[float, str]:
-    """What motion speaks for a place [nats], and the reason."""
+    """Evidence of motion for a place [nats], and the reason."""
     position = positions.get(place.joint)
     if position is None or place.kind not in ("joint_velocity", COMMAND):
         return 0.0, ""

@@ -12,7 +12,7 @@ from ..map_rules import WIDTH, format_list, format_rule, quote
 from .guess import Guess
 from .unit_guesses import Ends, GuessedLine, GuessedTarget
 
-_MANY = 4  # columns that differ in brackets, which are told as one; chosen
+_MANY = 4  # columns that differ in brackets, which are shown as one; chosen
 _SURE = 0.7  # below, a comment asks to look; chosen
 
 

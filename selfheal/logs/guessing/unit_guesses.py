@@ -30,7 +30,7 @@ _CLOSE = math.log(1.6)  # of a slope to that of a unit; chosen: units are furthe
 # ratio of a reading to its command from which they have two units; chosen: a weak drive
 # follows by less than a third, units are further apart
 OTHER_UNIT = 5.0
-STRONG = 0.8  # correlation from which a slope tells the unit; chosen
+STRONG = 0.8  # correlation from which a slope gives the unit; chosen
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def guess_position_units(
 ) -> list[UnitGuess]:
     """The unit of columns of positions, and of commands of position servos.
 
-    Columns of a group have one unit unless the limits of their joints speak against
+    Columns of a group have one unit unless the limits of their joints contradict
     it: the gripper of an arm in degrees may be in percent. A command and its reading
     have one unit.
 
@@ -320,12 +320,12 @@ def _find_nearest(names: Sequence[str], relation: Relation) -> tuple[str, float]
 def find_flipped(
     position: tuple[Match, UnitGuess], command: tuple[Match, UnitGuess]
 ) -> str:
-    """Which of two columns that move against each other counts the other way.
+    """Which of two columns that move against each other has the other sign.
 
-    The limits of the joint and of the command tell, where they are not symmetric.
+    It follows from the limits of joint and command, where these are not symmetric.
 
     Returns:
-        "position", "command", or "" where limits do not tell.
+        "position", "command", or "" where the limits leave it open.
     """
     gain = dict[str, float]()
     for name, (match, unit) in (("position", position), ("command", command)):

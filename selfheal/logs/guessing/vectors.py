@@ -71,7 +71,7 @@ def _guess_order(values: np.ndarray) -> str:
 def _find_thing(
     tokens: Sequence[str], width: int, known: str
 ) -> tuple[str, str] | None:
-    """Unit and kind of what a name speaks of.
+    """Unit and kind of what a name says.
 
     Args:
         known: kind that a preset states; "" of none.
