@@ -17,21 +17,19 @@ if TYPE_CHECKING:
 
 def print_guess_as_json(guess: "Guess", path: Path) -> None:
     """A guess, and the path of the map that holds it."""
-    columns = list[dict[str, object]]()
-    for line in guess.lines:
-        width = len(line.columns) // len(line.targets)
-        columns += [
-            {
-                "columns": line.columns[k * width : (k + 1) * width],
-                "kind": line.kind,
-                "target": target,
-                "unit": line.units[k].unit,
-                "sign": line.units[k].sign,
-                "sure": round(line.sure[k], 3),
-                "why": line.why[k],
-            }
-            for k, target in enumerate(line.targets)
-        ]
+    columns = [
+        {
+            "columns": [*target.columns],
+            "kind": line.kind,
+            "target": target.target,
+            "unit": target.unit.unit,
+            "sign": target.unit.sign,
+            "sure": round(target.sure, 3),
+            "why": target.why,
+        }
+        for line in guess.lines
+        for target in line.targets
+    ]
     said = {name: getattr(guess, name) for name in ("unused", "missing", "remarks")}
     print_document("map-guess", map=str(path), columns=columns, **said)
 

@@ -121,7 +121,9 @@ def _follow(files: Files, one: Correction) -> None:
         kp, kv = ({j: g[k] for j, g in files.gains.items()} for k in (0, 1))
         drives = Gains(kp, kv, (), not kp) if "--kp" in one else Gains({}, {})
         weld = "--weld-base" in one
-        made = prepare_model(files.model, files.folder, drives, weld_base=weld)
+        made = prepare_model(
+            files.model, files.folder, drives, weld_base=weld, without_contacts=False
+        )
         write_model(made, files.model)
         _map_commands(files)
     elif isinstance(one, str) and (found := _LEFT_OUT.search(one)):

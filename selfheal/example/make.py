@@ -14,7 +14,6 @@ from ..files import check_writable_folder, write_text
 from ..recording import Recording, list_model_names
 from .simulate import Run, simulate_runs
 from .write_logs import (
-    GRIPPER_RANGE,
     write_csv,
     write_lerobot,
     write_npz,
@@ -34,7 +33,7 @@ class Example:
         log: as a robot's own software writes it.
         map_file: says which columns of the log are which signals.
         recording: what the map makes of the log.
-        concealed: what the model lacks, in a few words.
+        concealed: what is missing in the model, in a few words.
     """
 
     model: Path
@@ -49,18 +48,13 @@ class _Plan:
     """How an example is made.
 
     Attributes:
-        log: name of its log.
-        write: writes that.
-        map_text: TOML of its map.
-        conceal: puts into the compiled model what the text lacks.
-        concealed: that, in a few words.
+        conceal: puts into the compiled model what is missing in the text.
         rate: [Hz] of the log.
         seconds: [s] of each run.
     """
 
     log: str
     write: Callable[[Path, Sequence[Run], Sequence[str]], None]
-    map_text: str
     conceal: Callable[["mujoco.MjModel"], None]
     concealed: str
     rate: float
@@ -91,131 +85,47 @@ def _add_load(model: "mujoco.MjModel") -> None:
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-_PENDULUM = """\
-[time]
-column = "time [ms]"
-unit = "ms"
-
-[episodes]
-column = "run"
-
-[[signals]]
-kind = "command"
-columns = ["goal hinge [deg]"]
-targets = ["servo"]
-
-[[signals]]
-kind = "joint_position"
-columns = ["angle hinge [deg]"]
-targets = ["hinge"]
-"""
-_DESK_ARM = f"""\
-[[signals]]
-kind = "command"
-columns = [
-    "action[shoulder_pan.pos]", "action[shoulder_lift.pos]", "action[elbow_flex.pos]",
-    "action[wrist_flex.pos]", "action[wrist_roll.pos]",
-]
-targets = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"]
-unit = "deg"
-
-[[signals]]
-kind = "joint_position"
-columns = [
-    "observation.state[shoulder_pan.pos]", "observation.state[shoulder_lift.pos]",
-    "observation.state[elbow_flex.pos]", "observation.state[wrist_flex.pos]",
-    "observation.state[wrist_roll.pos]",
-]
-targets = ["shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"]
-unit = "deg"
-
-[[signals]]
-kind = "command"
-columns = ["action[gripper.pos]"]
-targets = ["gripper"]
-from_range = [0, 100]
-to_range = {list(GRIPPER_RANGE)}
-
-[[signals]]
-kind = "joint_position"
-columns = ["observation.state[gripper.pos]"]
-targets = ["gripper"]
-from_range = [0, 100]
-to_range = {list(GRIPPER_RANGE)}
-"""
-_SIX_AXIS = """\
-[episodes]
-gap = 2.0
-
-[[signals]]
-kind = "command"
-columns = "/commands:data[*]"
-targets = ["joint_1", "joint_2", "joint_3", "joint_4", "joint_5", "joint_6"]
-unit = "rad"
-
-[[signals]]
-kind = "joint_position"
-columns = "/joint_states:position[*]"
-unit = "rad"
-
-[[signals]]
-kind = "joint_velocity"
-columns = "/joint_states:velocity[*]"
-unit = "rad/s"
-"""
-_LEGS = [f"{leg}_{part}" for leg in ("FL", "FR", "RL", "RR")
-         for part in ("hip", "thigh", "calf")]  # fmt: skip
-_QUADRUPED = f"""\
-[time]
-column = "time"
-
-[episodes]
-gap = 2.0
-
-[[signals]]
-kind = "command"
-columns = "des_dof_pos[*]"
-targets = {_LEGS}
-unit = "rad"
-
-[[signals]]
-kind = "joint_position"
-columns = "dof_pos[*]"
-targets = {[f"{name}_joint" for name in _LEGS]}
-unit = "rad"
-
-[[signals]]
-kind = "joint_velocity"
-columns = "dof_vel[*]"
-targets = {[f"{name}_joint" for name in _LEGS]}
-unit = "rad/s"
-""".replace("'", '"')
 # numbers are chosen: usual rates, and effects that a user would want to know of
 EXAMPLES: Mapping[str, _Plan] = {
     "pendulum": _Plan(
-        "log.csv", write_csv, _PENDULUM, _add_friction("hinge", 0.12),
-        "dry friction of 0.12 N m in the joint hinge", 100.0, 8.0,
+        "log.csv",
+        write_csv,
+        _add_friction("hinge", 0.12),
+        "dry friction of 0.12 N m in the joint hinge",
+        rate=100.0,
+        seconds=8.0,
     ),
     "desk_arm": _Plan(
-        "lerobot", write_lerobot, _DESK_ARM, _add_friction("shoulder_lift", 0.15),
-        "dry friction of 0.15 N m in the joint shoulder_lift", 30.0, 12.0,
+        "lerobot",
+        write_lerobot,
+        _add_friction("shoulder_lift", 0.15),
+        "dry friction of 0.15 N m in the joint shoulder_lift",
+        rate=30.0,
+        seconds=12.0,
     ),
     "six_axis": _Plan(
-        "bag", write_ros2_bag, _SIX_AXIS, _add_load,
-        "a load of 3 kg at the body flange", 100.0, 8.0,
+        "bag",
+        write_ros2_bag,
+        _add_load,
+        "a load of 3 kg at the body flange",
+        rate=100.0,
+        seconds=8.0,
     ),
     "hung_quadruped": _Plan(
-        "log.npz", write_npz, _QUADRUPED, _add_friction("RL_calf_joint", 0.8),
-        "dry friction of 0.8 N m in the joint RL_calf_joint", 200.0, 6.0,
+        "log.npz",
+        write_npz,
+        _add_friction("RL_calf_joint", 0.8),
+        "dry friction of 0.8 N m in the joint RL_calf_joint",
+        rate=200.0,
+        seconds=6.0,
     ),
-}  # fmt: skip
+}
 
 
 def make_example(name: str, folder: str | os.PathLike[str]) -> Example:
     """Make an example in a folder.
 
     Args:
-        name: one of `EXAMPLES`.
         folder: made if it is missing; files of the same names are replaced.
 
     Raises:
@@ -231,13 +141,18 @@ def make_example(name: str, folder: str | os.PathLike[str]) -> Example:
     runs = simulate_runs(text, plan.conceal, rate=plan.rate, seconds=plan.seconds)
     model = mujoco.MjModel.from_xml_string(text)
     joints = [model.joint(j).name for j in range(model.njnt)]
-    made = Example(home / "model.xml", home / plan.log, home / "map.toml",
-                   home / "recording.h5", plan.concealed)  # fmt: skip
+    map_text = (files("selfheal.example") / "maps" / f"{name}.toml").read_text()
+    made = Example(
+        home / "model.xml",
+        home / plan.log,
+        home / "map.toml",
+        home / "recording.h5",
+        plan.concealed,
+    )
     write_text(made.model, text)
     plan.write(made.log, runs, joints)
-    write_text(made.map_file, plan.map_text)
-    has_speeds = "joint_velocity" in plan.map_text
-    _write_recording(made.recording, runs, model, has_speeds=has_speeds)
+    write_text(made.map_file, map_text)
+    _write_recording(made.recording, runs, model, has_speeds="velocity" in map_text)
     return made
 
 

@@ -1,4 +1,4 @@
-"""A real robot in simulation: a model and what it lacks in; runs of it out."""
+"""A real robot in simulation: a model and what is missing in it in; runs of it out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def simulate_runs(
     A quarter of the model's time step comes near to a robot's continuous motion.
 
     Args:
-        conceal: puts into the compiled model what the text lacks.
+        conceal: puts into the compiled model what is missing in the text.
         rate: [Hz] of commands and readings.
         seconds: [s] of each run.
     """

@@ -5,7 +5,7 @@ import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,13 +13,16 @@ from ..extras import import_extra
 from ..files import atomic_path, write_text
 from .simulate import Run
 
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
 
 def write_csv(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
     """A table in milliseconds and degrees, as a servo's software writes it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["time [ms]", "run", *(f"{word} {name} [deg]"
-                     for word in ("goal", "angle") for name in joints)])  # fmt: skip
+    heads = [f"{word} {name} [deg]" for word in ("goal", "angle") for name in joints]
+    writer.writerow(["time [ms]", "run", *heads])
     for number, run in enumerate(runs):
         values = np.rad2deg(np.hstack([run.goal, run.position]))
         for time, row in zip(run.time, values, strict=True):
@@ -29,12 +32,7 @@ def write_csv(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
 
 
 def write_npz(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
-    """Arrays of all joints together, as scripts of legged robots write them.
-
-    Args:
-        runs: of the robot, one behind the other.
-        joints: their names, which are not written.
-    """
+    """Arrays of all joints together, as scripts of legged robots write them."""
     starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez(
@@ -52,11 +50,7 @@ _DATA_PATH = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet
 
 
 def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> None:
-    """A LeRobot folder, v2.1: degrees, and the last joint in percent of its range.
-
-    Args:
-        runs: of the robot, an episode each.
-    """
+    """A LeRobot folder, v2.1: degrees, and the last joint in percent of its range."""
     import pyarrow
     from pyarrow import parquet
 
@@ -93,7 +87,7 @@ def write_lerobot(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> Non
             parquet.write_table(table, temporary)
 
 
-GRIPPER_RANGE = (-0.17, 1.7)  # [rad] of which a desk arm's gripper is told a share
+GRIPPER_RANGE = (-0.17, 1.7)  # [rad] of which a desk arm's gripper is commanded a share
 
 
 def _make_percent(values: np.ndarray) -> np.ndarray:
@@ -109,7 +103,6 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
 
     Args:
         path: of the folder; one that is there is replaced.
-        runs: of the robot, one behind the other.
     """
     import shutil
 
@@ -133,8 +126,8 @@ def write_ros2_bag(path: Path, runs: Sequence[Run], joints: Sequence[str]) -> No
 
 
 def _make_joint_state(
-    store: Any, stamp: int, joints: Sequence[str], run: Run, row: int
-) -> Any:
+    store: "Typestore", stamp: int, joints: Sequence[str], run: Run, row: int
+) -> object:
     """A sensor_msgs/JointState of a row of a run."""
     types = store.types
     seconds, rest = divmod(stamp, 10**9)
@@ -146,7 +139,7 @@ def _make_joint_state(
     )
 
 
-def _make_array(store: Any, values: np.ndarray) -> Any:
+def _make_array(store: "Typestore", values: np.ndarray) -> object:
     """A std_msgs/Float64MultiArray of numbers (J)."""
     types = store.types
     layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)

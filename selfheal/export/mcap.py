@@ -7,7 +7,7 @@ Topics are `/ctrl`, `/signals` and `/predicted`, of which a message is a sample,
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,15 +29,14 @@ def write_mcap(path: Path, recording: Recording, predicted: Recording | None) ->
     A message has `time`, the episode's own [s], and a field for each command or signal;
     one that was not read is left out.
 
-    Args:
-        predicted: the same samples as a model predicts them, or None.
-
     Raises:
         InputError: the library is not installed.
     """
     writers = import_extra("mcap.writer", "logs", "MCAP")
     parts = {n: _list_groups(recording, predicted, n) for n in recording.episodes}
-    topics = {"episode": {"id": {"type": "string"}, "time": _NUMBER}}
+    topics: dict[str, dict[str, object]] = {
+        "episode": {"id": {"type": "string"}, "time": _NUMBER}
+    }
     for groups in parts.values():
         for group, columns in groups.items():
             topics.setdefault(group, {}).update(_describe(columns))
@@ -71,7 +70,7 @@ def _list_groups(
     return groups
 
 
-def _register(writer: "Writer", topic: str, fields: Mapping[str, Any]) -> int:
+def _register(writer: "Writer", topic: str, fields: Mapping[str, object]) -> int:
     """Number of a new channel whose messages have these fields."""
     form = json.dumps({"type": "object", "properties": dict(fields)}).encode()
     schema = writer.register_schema(f"selfheal.{topic}", "jsonschema", form)
@@ -79,7 +78,7 @@ def _register(writer: "Writer", topic: str, fields: Mapping[str, Any]) -> int:
 
 
 def _add(
-    writer: "Writer", channel: int, stamp: float, message: Mapping[str, Any]
+    writer: "Writer", channel: int, stamp: float, message: Mapping[str, object]
 ) -> None:
     """Add a message."""
     text = json.dumps(message, allow_nan=False).encode()
@@ -98,18 +97,18 @@ def _name_signals(episode: Episode) -> dict[str, tuple[Floats, str]]:
     return {name: (s.values, s.unit) for name, s in episode.signals.items()}
 
 
-def _describe(columns: Mapping[str, tuple[Floats, str]]) -> dict[str, Any]:
+def _describe(columns: Mapping[str, tuple[Floats, str]]) -> dict[str, object]:
     """JSON schema of each field of a message."""
-    fields: dict[str, Any] = {"time": {**_NUMBER, "description": "s"}}
+    fields: dict[str, object] = {"time": {**_NUMBER, "description": "s"}}
     for name, (values, unit) in columns.items():
-        plain = _NUMBER if values.ndim == 1 else {"type": "array", "items": _NUMBER}
-        fields[name] = {**plain, "description": unit}
+        form = _NUMBER if values.ndim == 1 else {"type": "array", "items": _NUMBER}
+        fields[name] = {**form, "description": unit}
     return fields
 
 
 def _list_messages(
     time: Floats, columns: Mapping[str, tuple[Floats, str]]
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[dict[str, object]]:
     """A message for each sample.
 
     Args:
@@ -117,7 +116,7 @@ def _list_messages(
         columns: values (T) or (T, d), and their units, by name.
     """
     for k, stamp in enumerate(time.tolist()):
-        message: dict[str, Any] = {"time": stamp}
+        message: dict[str, object] = {"time": stamp}
         for name, (values, _) in columns.items():
             value = np.atleast_1d(values[k])
             if np.isfinite(value).any():

@@ -14,9 +14,6 @@ _TIMELINE = "time"  # of an episode, so that episodes lie over one another
 def write_rrd(path: Path, recording: Recording, predicted: Recording | None) -> None:
     """Write an RRD, with entities such as `000/signals/knee_position`.
 
-    Args:
-        predicted: the same samples as a model predicts them, or None.
-
     Raises:
         InputError: the library is not installed.
     """

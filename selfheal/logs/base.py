@@ -14,7 +14,7 @@ MIN_ROWS = 2  # of a log; by definition of a motion
 Floats = NDArray[np.float64]
 Values = NDArray[np.float64 | np.object_]  # (n), one a row
 Rows = Mapping[str, Values]  # columns of some rows, by name
-Report = Callable[[float], None]  # is told the share of a log that was read
+Report = Callable[[float], None]  # called with the share of a log that was read
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class Stream:
     Attributes:
         name: of the topic or the table; "" where a log holds one table.
         columns: unit of each column by its name, "" where the log states none.
-        rows: how many; None where only reading tells.
+        rows: how many; None where they are not known before reading.
         time: the column of the time [s] at which a row was measured, "" if there is
             none.
         period: [s] from row to row where the log states a rate; None if it does not.
-        episode: the column that tells the episodes apart; "" if there is none.
+        episode: the column of the episodes' labels; "" if there is none.
     """
 
     name: str
@@ -46,8 +46,6 @@ class Log(ABC):
     """A log that was opened.
 
     Attributes:
-        path: file or folder.
-        streams: all that it holds.
         robot: name of the robot where the log states it.
         losses: what of the log is damaged and was left out, in words. It is known
             when all was read.
@@ -69,7 +67,7 @@ class Log(ABC):
 
         Args:
             wanted: names of columns by names of streams.
-            report: is told the share that was read, from 0 to 1.
+            report: called with the share that was read, from 0 to 1.
 
         Yields:
             The name of a stream and the wanted columns of some of its rows. Numbers

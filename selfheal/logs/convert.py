@@ -20,7 +20,7 @@ from .import_report import ImportReport
 from .log_map import COMMAND, LogMap
 from .offsets import estimate_offsets, find_common_lag
 from .resolve import Channel, check_commands, name_signals, resolve_rules
-from .spool import Spool
+from .spool import open_spool
 
 if TYPE_CHECKING:
     import mujoco
@@ -47,7 +47,7 @@ def import_logs(
     Args:
         logs: of one robot; each holds one or more episodes.
         model: compiled.
-        report: is told the file that is read and the share of it, from 0 to 1.
+        report: called with the file that is read and the share of all, from 0 to 1.
 
     Returns:
         What was written, and what of the logs was not taken as it is.
@@ -71,7 +71,7 @@ def import_logs(
     with open_writer(path, robot, source, compression=compression) as writer:
         for k, (log, channels) in enumerate(zip(logs, resolved, strict=True)):
             prefix = f"{log.path.stem}_" if len(logs) > 1 else ""
-            with Spool(Path(os.path.realpath(path)).parent) as spool:
+            with open_spool(Path(os.path.realpath(path)).parent) as spool:
                 converter = Converter(log, log_map, channels, spool, prefix)
                 converter.read_log(report and _scale_report(report, sizes, k))
                 rows += max(spool.rows.values(), default=0)
@@ -111,7 +111,6 @@ def _list_remarks(
     """What a user should look at: signals without a number, a model without actuators.
 
     Args:
-        resolved: channels of each log.
         read: kind and target of those in which there was a number.
     """
     signals = [c for channels in resolved for c in channels if c.kind != COMMAND]
@@ -126,7 +125,6 @@ def _scale_report(report: Report, sizes: Sequence[int], k: int) -> Report:
     """A report of what is read of one log, as a share of what is done with all.
 
     Args:
-        report: is told a file and that share.
         sizes: of the logs [bytes].
     """
     over, whole = sum(sizes[:k]), max(sum(sizes), 1)
@@ -147,7 +145,7 @@ def _compare_clocks(
     model: "mujoco.MjModel",
     made: ImportReport,
 ) -> None:
-    """Note how the clocks of streams differ, as far as a part of an episode tells."""
+    """Note how the clocks of streams differ, as far as a part of an episode shows."""
     streams = {n: channels[k].stream for k, n in name_signals(channels).items()}
     made.offsets = estimate_offsets(part, streams, model)
     sources = {c.target: c.stream for c in channels if c.kind == COMMAND and c.columns}

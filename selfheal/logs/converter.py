@@ -1,4 +1,4 @@
-"""A log on its way into a recording: takes columns from the disk, gives episodes."""
+"""Conversion of a log: takes columns from the disk, gives episodes."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,7 +35,9 @@ from .units import get_unit
 _BLOCK = 200_000  # rows that are converted at once; chosen: some 10 MB of a robot
 _RATE_ROWS = 100_000  # of which a stream's rate is the median; chosen: the first ones
 Clocks = Mapping[tuple[str, float], Floats]  # by stream and delay [s]
-Report = Callable[[str, float], None]  # is told a file and the share of it that is read
+Report = Callable[
+    [str, float], None
+]  # called with a file and the share of it that was read
 
 
 class _Source(NamedTuple):
@@ -54,16 +56,11 @@ class _Source(NamedTuple):
 
 @dataclass
 class Converter:
-    """One log on its way into a recording.
+    """Converts one log into episodes.
 
     Attributes:
-        log: that is read.
-        log_map: of it.
         channels: that are taken; commands in the order of the model's actuators.
-        spool: of its columns.
         prefix: of the ids of its episodes.
-        used: ids that are taken.
-        remarks: what a user should look at.
         read: numbers of the channels in which there was a number.
     """
 
@@ -94,8 +91,8 @@ class Converter:
                 wanted[channel.stream] |= {*channel.columns}
         columns = {name: sorted(some - {""}) for name, some in wanted.items()}
         name = self.log.path.name
-        tell = None if report is None else partial(report, name)
-        for stream_name, rows in self.log.read(columns, tell):
+        progress = None if report is None else partial(report, name)
+        for stream_name, rows in self.log.read(columns, progress):
             self.spool.append(stream_name, rows)
         for channel in self.channels:
             for column in channel.columns:
@@ -157,7 +154,7 @@ class Converter:
         return clock, column or stream.time
 
     def _find_label(self, stream: Stream) -> str:
-        """The column that tells episodes of a stream apart; "" if it has none."""
+        """The column of the labels of a stream's episodes; "" if it has none."""
         rule = self.log_map.episodes
         column = rule.column.removeprefix(f"{stream.name}:")
         if column:

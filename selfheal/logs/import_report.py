@@ -12,7 +12,6 @@ class EpisodeReport:
     """What became of an episode.
 
     Attributes:
-        id: in the recording.
         start: [s] in the log's clock of what is 0 in the recording.
         seconds: from its first to its last row [s].
         rows: of its time base.
@@ -31,13 +30,11 @@ class ImportReport(RowCounts):
     """What an import did.
 
     Attributes:
-        episodes: all that were written.
         assumed: targets whose columns have no stated unit, by the unit assumed.
         offsets: of streams' clocks against that of the joints; nothing is moved by it.
         lag: [s] by which every position follows its command where the two come from
             different streams: shortest and longest; None where that is not so.
         losses: what of a log is damaged and was left out, by the log's path.
-        remarks: what a user should look at, in sentences.
     """
 
     episodes: list[EpisodeReport] = field(default_factory=list)

@@ -2,9 +2,9 @@
 
 import os
 from dataclasses import field
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from ..documents import check_document, read_toml
@@ -15,7 +15,7 @@ COMMAND = "command"  # the kind of columns that become `ctrl`
 
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_STRICT: Any = {"extra": "forbid", "strict": True}
+_STRICT: ConfigDict = {"extra": "forbid", "strict": True}
 
 
 @dataclass(frozen=True, config=_STRICT)
@@ -109,14 +109,7 @@ class ColumnRule:
 
 @dataclass(frozen=True, config=_STRICT)
 class LogMap:
-    """Which columns of a log are which signals of a model.
-
-    Attributes:
-        signals: columns that are taken.
-        time: when rows were measured.
-        episodes: what parts the log.
-        version: of the format of the map.
-    """
+    """Which columns of a log are which signals of a model."""
 
     signals: list[ColumnRule]
     time: TimeBase = field(default_factory=TimeBase)
@@ -133,11 +126,8 @@ def read_map(path: str | os.PathLike[str]) -> LogMap:
     return _check_map(read_toml(path, LogMap), os.fspath(path))
 
 
-def parse_map(document: Any, name: str) -> LogMap:
+def parse_map(document: object, name: str) -> LogMap:
     """The map that a TOML document states.
-
-    Args:
-        document: what `tomllib` makes of it.
 
     Raises:
         InputError: it states something that is not known.

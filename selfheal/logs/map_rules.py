@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import fields
 
 from .log_map import ColumnRule
 
@@ -10,30 +11,21 @@ WIDTH = 79  # characters of a line; chosen: as of a terminal
 
 def format_rule(rule: ColumnRule) -> list[str]:
     """One [[signals]] table; what is as without a word is left out."""
-    lines = ["[[signals]]", f"kind = {quote(rule.kind)}"]
-    if isinstance(rule.columns, str):
-        lines.append(f"columns = {quote(rule.columns)}")
-    else:
-        lines += format_list("columns", rule.columns)
-    if rule.targets:
-        lines += format_list("targets", rule.targets)
-    if rule.unit:
-        lines.append(f"unit = {quote(rule.unit)}")
-    for name in ("from_range", "to_range"):
-        if ends := getattr(rule, name):
-            lines.append(f"{name} = [{ends[0]:.6g}, {ends[1]:.6g}]")
-    for name, usual in (("sign", 1), ("scale", 1), ("offset", 0)):
-        value = getattr(rule, name)
-        if value != usual:
-            numbers = [f"{x:.9g}" for x in value] if isinstance(value, list) else []
-            text = f"[{', '.join(numbers)}]" if numbers else f"{value:.9g}"
-            lines.append(f"{name} = {text}")
-    if rule.order != "wxyz":
-        lines.append(f"order = {quote(rule.order)}")
-    if rule.delay:
-        lines.append(f"delay = {rule.delay:.6g}")
-    if rule.missing is not None:
-        lines.append(f"missing = {rule.missing:g}")
+    lines = ["[[signals]]"]
+    for field in fields(rule):
+        name, value = field.name, getattr(rule, field.name)
+        if name != "columns" and (value == field.default or value in ("", [], None)):
+            continue
+        if isinstance(value, str):
+            lines.append(f"{name} = {quote(value)}")
+        elif name in ("columns", "targets"):
+            lines += format_list(name, value)
+        else:
+            numbers = value if isinstance(value, Sequence) else [value]
+            digits = 9 if name in ("sign", "scale", "offset") else 6
+            text = ", ".join(f"{number:.{digits}g}" for number in numbers)
+            is_list = isinstance(value, Sequence)
+            lines.append(f"{name} = [{text}]" if is_list else f"{name} = {text}")
     return lines
 
 

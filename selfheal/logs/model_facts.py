@@ -1,19 +1,24 @@
 """What a model says of the columns that a log of its robot may have."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..recording import find_controls, find_joint, find_output, list_controls
+from ..recording import (
+    Target,
+    find_controls,
+    find_joint,
+    find_output,
+    list_controls,
+    list_model_names,
+)
 from ..recording.actuator_laws import find_goal, find_speed_goal, get_servo_gains
+from .log_map import COMMAND
 
 if TYPE_CHECKING:
     import mujoco
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,6 @@ class Place:
 
     Attributes:
         kind: of a column there: one of the contract or "command".
-        name: of the joint, actuator, body or sensor.
         aliases: other names for it: an actuator's joint.
         unit: of the values in the recording.
         width: columns that it takes.
@@ -43,57 +47,53 @@ class Place:
 
 def list_places(model: "mujoco.MjModel") -> list[Place]:
     """Everything of a compiled model that a column may belong to, in its order."""
-    return [*_list_joints(model), *_list_actuators(model), *_list_others(model)]
-
-
-def _list_joints(model: "mujoco.MjModel") -> list[Place]:
-    """Positions and speeds of hinges and slides."""
-    import mujoco
-
-    found = []
-    hinge, slide = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-    for j in range(model.njnt):
-        unit = {int(hinge): "rad", int(slide): "m"}.get(int(model.jnt_type[j]))
-        name = model.joint(j).name
-        if unit is None or not name:
-            continue
-        low, high = model.jnt_range[j] if model.jnt_limited[j] else (-np.inf, np.inf)
+    names = list_model_names(model)
+    found = list[Place]()
+    for name, target in names.targets["joint"].items():
+        low, high = target.range or (-np.inf, np.inf)
+        position, joint = target.units["joint_position"], model.joint(name).id
         found += [
-            Place("joint_position", name, (), unit, 1, low, high, j),
-            Place("joint_velocity", name, (), f"{unit}/s", joint=j),
+            Place("joint_position", name, (), position, 1, low, high, joint),
+            Place("joint_velocity", name, (), f"{position}/s", joint=joint),
+        ]
+    for name, target in names.targets["actuator"].items():
+        found += _list_actuator(model, name, target)
+    found += [
+        Place("sensor", name, (), target.units.get("sensor", "1"), target.width or 1)
+        for name, target in names.targets["sensor"].items()
+    ]
+    bodies = [model.body(name) for name in names.targets["body"] if name != "world"]
+    for body in sorted(bodies, key=lambda body: model.body_dofnum[body.id] != 6):
+        found += [
+            Place("body_position", body.name, (), "m", 3),
+            Place("body_orientation", body.name, (), "quaternion", 4),
+            Place("body_linear_velocity", body.name, (), "m/s", 3),
+            Place("body_angular_velocity", body.name, (), "rad/s", 3),
         ]
     return found
 
 
-def _list_actuators(model: "mujoco.MjModel") -> list[Place]:
-    """Commands and forces of actuators."""
-    import mujoco
-
-    found = []
+def _list_actuator(
+    model: "mujoco.MjModel", name: str, target: Target
+) -> Iterator[Place]:
+    """Commands and force of an actuator, and what else may be measured of it."""
+    actuator = model.actuator(name).id
+    joint = find_joint(model, actuator)
+    aliases = (model.joint(joint).name,) if joint >= 0 else ()
+    force = target.units.get("joint_torque", "")
+    length = {"N m": "rad", "N": "m"}.get(force, "")
+    units = _find_goal_units(model, actuator, length) if length else {}
     controls = list_controls(model)
-    for a in range(model.nactuator):
-        name, joint = model.actuator(a).name, find_joint(model, a)
-        if not name:
-            continue
-        aliases = (model.joint(joint).name,) if joint >= 0 else ()
-        units, force = dict[int, str](), ""
-        if joint >= 0:
-            is_hinge = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_HINGE
-            length, force = ("rad", "N m") if is_hinge else ("m", "N")
-            units = _find_goal_units(model, a, length)
-        for c in find_controls(model, a):
-            low, high = -np.inf, np.inf
-            if model.actuator_ctrllimited[c]:
-                low, high = model.actuator_ctrlrange[c]
-            full, unit = controls[c].full_name, units.get(c, "")
-            found.append(Place("command", full, aliases, unit, 1, low, high, joint))
-        if force:
-            found.append(Place("joint_torque", name, aliases, force, joint=joint))
-        found += [
-            Place("supply_voltage", name, aliases, "V"),
-            Place("temperature", name, aliases, "degC"),
-        ]
-    return found
+    for c in find_controls(model, actuator):
+        low, high = -np.inf, np.inf
+        if model.actuator_ctrllimited[c]:
+            low, high = model.actuator_ctrlrange[c]
+        full, unit = controls[c].full_name, units.get(c, "")
+        yield Place(COMMAND, full, aliases, unit, 1, low, high, joint)
+    if force:
+        yield Place("joint_torque", name, aliases, force, joint=joint)
+    yield Place("supply_voltage", name, aliases, "V")
+    yield Place("temperature", name, aliases, "degC")
 
 
 def _find_goal_units(
@@ -147,28 +147,6 @@ def find_force_range(
             return None
     low, high = sorted((float(gain * low), float(gain * high)))
     return low, high
-
-
-def _list_others(model: "mujoco.MjModel") -> list[Place]:
-    """Sensors, and poses and speeds of bodies."""
-    from ..recording import list_model_names
-
-    names = list_model_names(model)
-    found = [
-        Place("sensor", name, (), target.units.get("sensor", "1"), target.width or 1)
-        for name, target in names.targets["sensor"].items()
-    ]
-    free = [model.body(b).name for b in range(1, model.nbody)
-            if model.body_dofnum[b] == 6]  # fmt: skip
-    bodies = [*free, *(b for b in names.targets["body"] if b not in (*free, "world"))]
-    for body in bodies:
-        found += [
-            Place("body_position", body, (), "m", 3),
-            Place("body_orientation", body, (), "quaternion", 4),
-            Place("body_linear_velocity", body, (), "m/s", 3),
-            Place("body_angular_velocity", body, (), "rad/s", 3),
-        ]
-    return found
 
 
 def group_places(places: Sequence[Place]) -> dict[str, list[Place]]:

@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .base import Log, check_rows
+from .base import Floats, Log, check_rows
 
-Floats = NDArray[np.float64]
 _MAX_ROWS = 20_000  # of each stream that a guess looks at; chosen: minutes at 100 Hz
 _MAX_CELLS = 20_000_000  # of all streams; chosen: 160 MB
 _WINDOW = 0.15  # [s] over which speeds are integrated; chosen: above encoder noise
@@ -20,7 +19,7 @@ _LARGEST = 1e40  # of a value that is no damage; chosen: the product of six is f
 # steps between rows that are read, all but a hundredth of which are smaller, by which
 # a row of zeros jumps away from both its neighbors; chosen: no motion comes back so
 _JUMP, _QUANTILE = 5.0, 0.99
-_STEPS = 8  # of an encoder that tell how large they are; chosen
+_STEPS = 8  # of an encoder, from which their size is found; chosen
 _GRID = 4000  # points at which columns of different clocks are compared; chosen
 
 
@@ -114,13 +113,13 @@ def compare_speed(time: Floats, position: Floats, speed: Floats) -> Relation:
     if time.size < 8:
         return Relation(0.0, 0.0)
     steps = np.diff(time) * (speed[1:] + speed[:-1]) / 2
-    way = np.concatenate([[0.0], np.cumsum(steps)])
+    distance = np.concatenate([[0.0], np.cumsum(steps)])
     ends = np.searchsorted(time, time + _WINDOW)
     rows = np.flatnonzero(ends < time.size)
     ends = ends[rows]
     whole = time[ends] - time[rows] < 3 * _WINDOW  # no gap
     rows, ends = rows[whole], ends[whole]
-    return fit_line(way[ends] - way[rows], position[ends] - position[rows])
+    return fit_line(distance[ends] - distance[rows], position[ends] - position[rows])
 
 
 def compare_command(

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..recording import Episode
+from .base import Floats
 from .log_map import COMMAND
 from .model_facts import list_places
 from .motion import compare_command
@@ -15,7 +16,6 @@ from .motion import compare_command
 if TYPE_CHECKING:
     import mujoco
 
-Floats = NDArray[np.float64]
 _MAX_SHIFT, _STEP = 0.5, 0.005  # [s] of what is tried; chosen
 _SMOOTHING = 0.06  # [s] over which positions give a speed; chosen
 _GRID = 4000  # times at which the robot is placed; chosen
@@ -32,7 +32,6 @@ class Offset:
     """By how much the clock of a stream is late against that of the joints.
 
     Attributes:
-        stream: whose clock it is.
         reference: stream of the joints' positions.
         seconds: to be subtracted from the stream's times [s].
         low: end of its 90 % interval [s].
@@ -47,6 +46,14 @@ class Offset:
     low: float
     high: float
     correlation: float
+
+
+class _Motion(NamedTuple):
+    """Times (K) [s], positions (K, nq) and speeds (K, nv) of a robot."""
+
+    time: Floats
+    qpos: Floats
+    qvel: Floats
 
 
 @dataclass(frozen=True)
@@ -91,20 +98,13 @@ def estimate_offsets(
     placed = _place_robot(episode, positions[reference], model)
     if placed is None:
         return []
-    grid, qpos, qvel = placed
     names = [n for n in episode.signals if streams[n] != reference]
-    predicted = _predict_signals(episode, names, model, qpos, qvel)
-    found = []
-    for stream in dict.fromkeys(streams[name] for name in names):
-        pairs = [
-            pair
-            for name in names
-            if streams[name] == stream and name in predicted
-            and (pair := _make_pair(episode, name, predicted[name])) is not None
-        ]  # fmt: skip
-        if pairs and (offset := _estimate(grid, pairs, stream, reference)):
-            found.append(offset)
-    return found
+    pairs = dict[str, list[_Pair]]()
+    for name, predicted in _predict_signals(episode, names, model, placed).items():
+        if pair := _make_pair(episode, name, predicted):
+            pairs.setdefault(streams[name], []).append(pair)
+    found = (_estimate(placed.time, pairs[s], s, reference) for s in pairs)
+    return [offset for offset in found if offset]
 
 
 def find_common_lag(
@@ -123,8 +123,8 @@ def find_common_lag(
         Shortest and longest lag [s]; None where commands and positions share a stream,
         or where the lags do not agree.
     """
-    positions = {s.target: name for name, s in episode.signals.items()
-                 if s.kind == "joint_position"}  # fmt: skip
+    kind, signals = "joint_position", episode.signals.items()
+    positions = {s.target: name for name, s in signals if s.kind == kind}
     places = {p.name: p for p in list_places(model) if p.kind == COMMAND}
     lags = []
     for column, actuator in enumerate(episode.ctrl_names):
@@ -145,53 +145,50 @@ def find_common_lag(
 
 def _place_robot(
     episode: Episode, names: Sequence[str], model: "mujoco.MjModel"
-) -> tuple[Floats, Floats, Floats] | None:
-    """Times (K) [s], qpos (K, nq) and qvel (K, nv); None where a joint is not read."""
+) -> _Motion | None:
+    """The motion of the measured positions; None where a joint is not measured."""
     import mujoco
     from scipy.signal import savgol_filter
 
     scalar = (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)
     by_joint = {episode.signals[n].target: episode.signals[n].values for n in names}
     joints = [model.joint(j) for j in range(model.njnt)]
-    if any(
-        mujoco.mjtJoint(j.type[0]) not in scalar or j.name not in by_joint
-        for j in joints
-    ):
+    kinds = [mujoco.mjtJoint(joint.type[0]) for joint in joints]
+    if not {*kinds} <= {*scalar} or any(j.name not in by_joint for j in joints):
         return None
     rows = [np.flatnonzero(np.isfinite(by_joint[j.name])) for j in joints]
     if not rows or min(map(len, rows)) < _LEAST_ROWS:
         return None
     start = max(episode.time[r[0]] for r in rows)
     end = min(episode.time[r[-1]] for r in rows)
-    if not end > start:
-        return None
     grid = np.linspace(start, end, _GRID)
+    step = grid[1] - grid[0]
+    if not step > 0:
+        return None
+    window = 2 * round(_SMOOTHING / step / 2) + 1
+    if not 3 <= window < _GRID:
+        return None
     qpos = np.tile(model.qpos0, (_GRID, 1))
     for joint, own in zip(joints, rows, strict=True):
         values = by_joint[joint.name][own]
         qpos[:, joint.qposadr[0]] = np.interp(grid, episode.time[own], values)
     # one position and one speed a joint, in the same order
-    step = grid[1] - grid[0]
-    window = 2 * round(_SMOOTHING / step / 2) + 1
-    if not 3 <= window < _GRID:
-        return None
     qvel = savgol_filter(qpos, window, 2, deriv=1, delta=step, axis=0)
-    return grid, qpos, qvel
+    return _Motion(grid, qpos, qvel)
 
 
 def _predict_signals(
     episode: Episode,
     names: Sequence[str],
     model: "mujoco.MjModel",
-    qpos: Floats,
-    qvel: Floats,
+    motion: _Motion,
 ) -> dict[str, Floats]:
-    """What positions (K, nq) and speeds (K, nv) make of signals, (K, d) each."""
+    """What a motion makes of signals, (K, d) each."""
     import mujoco
 
     data = mujoco.MjData(model)
     found = {name: list[Floats]() for name in names}
-    for q, v in zip(qpos, qvel, strict=True):
+    for q, v in zip(motion.qpos, motion.qvel, strict=True):
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_sensorPos(model, data)
@@ -213,24 +210,20 @@ def _read_value(
 
     if kind == "joint_velocity":
         return data.qvel[model.joint(target).dofadr].copy()
-    if kind == "body_position":
-        return data.body(target).xpos.copy()
-    if kind == "body_orientation":
-        return data.body(target).xmat.copy()
-    if kind in ("body_linear_velocity", "body_angular_velocity"):
-        is_local = int(kind == "body_angular_velocity")
-        speed, body = np.empty(6), mujoco.mjtObj.mjOBJ_XBODY
-        number = model.body(target).id
-        mujoco.mj_objectVelocity(model, data, body, number, speed, is_local)
-        return speed[:3] if is_local else speed[3:]
-    if kind == "sensor":
-        sensor = model.sensor(target)
-        if mujoco.mjtStage(sensor.needstage[0]) == mujoco.mjtStage.mjSTAGE_ACC:
-            return None
-        values = data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]].copy()
-        is_quaternion = sensor.dim[0] == 4
-        return _rotate(values) if is_quaternion else values
-    return None
+    if kind.startswith("body_"):
+        body, speed = data.body(target), np.empty(6)
+        local = int(kind == "body_angular_velocity")
+        of = mujoco.mjtObj.mjOBJ_XBODY
+        mujoco.mj_objectVelocity(model, data, of, body.id, speed, local)
+        velocity = speed[:3] if local else speed[3:]
+        poses = {"body_position": body.xpos, "body_orientation": body.xmat}
+        return poses.get(kind, velocity).copy()
+    sensor = model.sensor(target) if kind == "sensor" else None
+    forces = mujoco.mjtStage.mjSTAGE_ACC
+    if sensor is None or mujoco.mjtStage(sensor.needstage[0]) == forces:
+        return None
+    values = data.sensordata[sensor.adr[0] : sensor.adr[0] + sensor.dim[0]].copy()
+    return _rotate(values) if sensor.dim[0] == 4 else values
 
 
 def _rotate(quaternion: Floats) -> Floats:
@@ -269,7 +262,7 @@ def _estimate(
     edges = np.linspace(start, end, _BLOCKS + 1)
     parts = [
         shift
-        for low, high in zip(edges, edges[1:], strict=False)
+        for low, high in pairwise(edges)
         for shift, found in [_find_shift(grid, pairs, low, high)]
         if found > _LEAST_CORRELATION
     ]

@@ -38,7 +38,7 @@ def open_log(path: str | os.PathLike[str]) -> Log:
         try:
             is_this = found.recognizes(path)
         except Exception as error:  # of a third party's, or of a folder that is closed
-            broken.append(f"{found.name} cannot tell: {clean_text(error)}")
+            broken.append(f"{found.name} fails: {clean_text(error)}")
             continue
         if is_this:
             return _check_names(found.open(path))

@@ -55,10 +55,7 @@ class Channel:
 def resolve_rules(
     rules: Sequence[ColumnRule], log: Log, names: ModelNames, file: str
 ) -> list[Channel]:
-    """Find the columns and the targets that rules speak of.
-
-    Args:
-        file: name of the map, for messages.
+    """Find the columns and the targets of rules.
 
     Returns:
         Channels in the order of the rules. No target has two of one kind.
@@ -207,7 +204,7 @@ def _find_target(kind: str, target: str, names: ModelNames) -> Target | None:
 
 
 def _find_width(kind: str, target: str, names: ModelNames) -> int:
-    """Columns of a signal; 0 of a plain one."""
+    """Columns of a signal; 0 of a scalar one."""
     width = _KINDS[kind].width
     return (names.targets["sensor"][target].width or 0) if width is None else width
 
@@ -227,7 +224,6 @@ def _map_range(
     """A channel whose columns are shares of a range, with the model's range.
 
     Args:
-        rule: that states the range of the log.
         ends: of the range in the model [its unit].
     """
     if not rule.from_range:
@@ -265,9 +261,6 @@ def _spread(what: str, values: float | Sequence[float], count: int) -> Floats:
 
 def check_commands(channels: Sequence[Channel], names: ModelNames, file: str) -> None:
     """Refuse a map that leaves an actuator without its command.
-
-    Args:
-        file: name of the map, for messages.
 
     Raises:
         InputError: names the actuators.

@@ -1,20 +1,18 @@
 """Columns of a log on the disk: rows in as they are read; single columns out."""
 
+import io
 import tempfile
 from bisect import bisect_right
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files import make_write_error
-from .base import Rows, Values
+from .base import Floats, Rows, Values
 from .formats.common import convert_number
-
-Floats = NDArray[np.float64]
 
 
 class _Piece(NamedTuple):
@@ -22,7 +20,6 @@ class _Piece(NamedTuple):
 
     Attributes:
         first: of the rows.
-        rows: how many.
         place: in the file [B].
     """
 
@@ -31,41 +28,33 @@ class _Piece(NamedTuple):
     place: int
 
 
+@contextmanager
+def open_spool(folder: Path) -> "Iterator[Spool]":
+    """A spool in a file that has no name: it is gone when the process ends.
+
+    Raises:
+        InputError: nothing can be written there.
+    """
+    with ExitStack() as stack:
+        try:
+            file = stack.enter_context(tempfile.TemporaryFile(dir=folder, buffering=0))
+        except OSError as error:
+            raise make_write_error(f"into {folder}", error) from error
+        yield Spool(file, folder)
+
+
 class Spool:
-    """Columns in a file that has no name: it is gone when the process ends.
+    """Columns of a log in a file; see `open_spool`.
 
     A log is read once, row by row, and used column by column; it may be larger than
     the memory.
-
-    Attributes:
-        rows: how many of each stream.
     """
 
-    def __init__(self, folder: Path) -> None:
-        """Open the file.
-
-        Raises:
-            InputError: nothing can be written there.
-        """
+    def __init__(self, file: io.FileIO, folder: Path) -> None:
         self.rows: dict[str, int] = {}
         self._pieces: dict[tuple[str, str], list[_Piece]] = {}
         self._labels: dict[tuple[str, str], dict[str, int]] = {}
-        self._folder = folder
-        try:
-            self._file: Any = tempfile.TemporaryFile(dir=folder, buffering=0)
-        except OSError as error:
-            raise make_write_error(f"into {folder}", error) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
+        self._folder, self._file = folder, file
 
     def append(self, stream: str, rows: Rows) -> None:
         """Take some rows of a stream.

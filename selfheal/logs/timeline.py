@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +75,7 @@ def read_labels(values: Floats) -> Indices:
     """Numbers of episodes, (n): a row without one belongs to the episode before it.
 
     Args:
-        values: (n) of the column that tells episodes apart; NaN of rows without.
+        values: (n) of the column of labels; NaN of rows without one.
 
     Raises:
         InputError: one is no whole number.
@@ -138,7 +140,7 @@ def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
             ahead = stream.time[min(int(row) + _MOST_LATE, count - 1)]
             new[row] = ahead < stream.time[row - 1]
     cuts = [0, *np.flatnonzero(new), count]
-    for start, end in zip(cuts, cuts[1:], strict=False):
+    for start, end in pairwise(cuts):
         if start < end:
             label = -1 if stream.label is None else int(stream.label[start])
             yield label, _count_rows(start, end)
@@ -255,32 +257,11 @@ def clip_times(base: TimeBase, time: Floats) -> Floats:
     return time[(time >= start) & (time <= end)]
 
 
-def find_rows(base: Floats, time: Floats) -> tuple[Indices, Indices]:
-    """Rows of a time base at which a stream has rows.
-
-    Args:
-        base: (T) [s] increasing.
-        time: (n) [s] increasing.
-
-    Returns:
-        Two arrays (M): rows of the base and rows of the stream. A row of the stream
-        is left out where the base has no such time.
-    """
-    place = np.searchsorted(base, time - TIME_RESOLUTION)
-    inside = place < base.size
-    near = np.zeros(time.size, dtype=bool)
-    near[inside] = np.abs(base[place[inside]] - time[inside]) <= TIME_RESOLUTION
-    rows = np.flatnonzero(near)
-    return place[rows], rows
-
-
-@dataclass(frozen=True)
-class FoundRows:
-    """Rows of a stream that a block of a time base holds.
+class FoundRows(NamedTuple):
+    """Rows of a stream at times of a block of a time base.
 
     Attributes:
-        first: of the stream's rows around them.
-        end: row behind the last of those.
+        first, end: of the stream's rows around them, the end behind the last one.
         chosen: (M) which of those they are.
         place: (M) their rows in the block.
     """
@@ -292,15 +273,17 @@ class FoundRows:
 
 
 def find_in_block(rows: Indices, clock: Floats, time: Floats) -> FoundRows:
-    """Rows of a stream that a block of a time base holds.
+    """Rows of a stream at times of a block of a time base.
 
     Args:
         rows: (n) of an episode.
-        clock: (n) [s] their times.
+        clock: (n) [s] their times; one that the block does not have is left out.
         time: (T) [s] of the block.
     """
     low, high = np.searchsorted(clock, (time[0] - 1e-6, time[-1] + 1e-6))
-    place, near = find_rows(time, clock[low:high])
+    place = np.searchsorted(time, clock[low:high] - TIME_RESOLUTION)
+    nearest = time[np.minimum(place, time.size - 1)]
+    near = np.abs(nearest - clock[low:high]) <= TIME_RESOLUTION
     found = rows[low:high][near]
     first, end = (int(found.min()), int(found.max()) + 1) if found.size else (0, 0)
-    return FoundRows(first, end, shorten_rows(found - first), shorten_rows(place))
+    return FoundRows(first, end, shorten_rows(found - first), shorten_rows(place[near]))

@@ -5,12 +5,10 @@ import os
 from .document import MjcfDocument, find_file
 from .xml_text import Element, format_path
 
+_SIDES = ("right", "left", "up", "down", "front", "back")
 _FILES = {
     **dict.fromkeys(("mesh", "hfield", "skin", "flexcomp"), ("meshdir", ("file",))),
-    "texture": (
-        "texturedir",
-        ("file", *(f"file{s}" for s in "right left up down front back".split())),
-    ),
+    "texture": ("texturedir", ("file", *(f"file{side}" for side in _SIDES))),
 }
 
 
@@ -74,7 +72,9 @@ def _relocate_assets(tree: MjcfDocument, folder: str) -> None:
         _redirect_assets(tree, kind, moved[owner] if (owner := owners[kind]) else "")
     if bare := [kind for kind in used if not owners[kind]]:
         attribute = bare[0] if len(bare) == 1 else "assetdir"
-        tree.get_section("compiler").set({attribute: _relative_path(tree.home, folder)})
+        tree.get_section("compiler", first=False).set(
+            {attribute: _relative_path(tree.home, folder)}
+        )
 
 
 def _find_owner(tree: MjcfDocument, kind: str) -> tuple[Element, str] | None:

@@ -25,7 +25,7 @@ def fold_into_defaults(
     What a joint states itself stays there, and models whose elements MuJoCo multiplies
     stay as they are.
     """
-    document = MjcfDocument(path)
+    document = MjcfDocument(path, in_place=False)
     classes = document.list_default_classes()
     joints = [e for e in document.list_elements(_JOINT) if e.tag == _JOINT]
     if not classes or any(e.tag in MAKERS for e in document.root.walk()):
@@ -35,13 +35,17 @@ def fold_into_defaults(
     names: dict[Element, str | int] = {}
     others: list[Edit] = []
     for edit in edits:
-        is_of_joint = isinstance(edit, Set) and edit.tag == _JOINT
-        if not is_of_joint or (isinstance(edit.name, str) and edit.name not in given):
-            others.append(edit)  # also of a joint that another edit inserts
+        if not isinstance(edit, Set) or edit.tag != _JOINT:
+            others.append(edit)
             continue
-        by_name = isinstance(edit.name, str)
-        joint = (document if by_name else ids).find(_JOINT, edit.name)  # type: ignore[arg-type]
-        wanted.setdefault(joint, {}).update(edit.attributes)  # type: ignore[union-attr]
+        if isinstance(edit.name, str):
+            if edit.name not in given:  # of a joint that another edit inserts
+                others.append(edit)
+                continue
+            joint = document.find(_JOINT, edit.name)
+        else:
+            joint = ids.find(_JOINT, edit.name)
+        wanted.setdefault(joint, {}).update(edit.attributes)
         names.setdefault(joint, edit.name)
     # the outermost first
     agreed = {c: _find_agreed(c, classes, joints, wanted) for c in classes}

@@ -25,10 +25,7 @@ _BODIES = ("worldbody", "body")
 SETTINGS = ("compiler", "option", "size", "statistic", "visual")
 SECTIONS = ("actuator", "contact", "equality", "keyframe", "sensor", "tendon")
 # elements that have an id in a compiled model, and can be edited by it
-WITH_IDS = (
-    "body", "inertial", "joint", "geom", "site", "actuator", "contact", "equality",
-    "keyframe", "sensor", "tendon",
-)  # fmt: skip
+WITH_IDS = ("body", "inertial", "joint", "geom", "site", *SECTIONS)
 MAKERS = ("replicate", "composite", "flexcomp", "attach")
 
 
@@ -36,10 +33,8 @@ class MjcfDocument:
     """A model as a tree of elements, with included files in their places.
 
     Attributes:
-        path: of the model, as given.
         home: folder of the model, without links.
         file: the main file, as an element without a tag.
-        root: the main file's <mujoco>.
         newline: how the main file ends its lines.
     """
 
@@ -48,7 +43,7 @@ class MjcfDocument:
         path: str | os.PathLike[str],
         text: str | None = None,
         *,
-        in_place: bool = False,
+        in_place: bool,
     ) -> None:
         """Read a model's files.
 
@@ -173,18 +168,18 @@ class MjcfDocument:
             replace_children(above, above.children.index(include), pieces, replaced=1)
         return element
 
-    def get_section(self, tag: str) -> Element:
-        """The main file's last section or setting of a tag; made if it has none."""
-        found = self.list_sections(tag)
-        if found and not found[-1].list_includes():
-            return self.inline(found[-1])
-        return self.insert(self.root, f"<{tag}/>", first=False)
+    def get_section(self, tag: str, *, first: bool) -> Element:
+        """A section or setting of a tag, made if there is none.
 
-    def get_first_section(self, tag: str) -> Element:
-        """The model's first section of a tag, inlined; made if it has none."""
+        Args:
+            first: whether it is the model's first one, which is inlined; else it is the
+                main file's last one.
+        """
         found = self.list_sections(tag)
-        if found:
+        if first and found:
             return self.inline(found[0])
+        if found and not found[-1].list_includes():
+            return found[-1]
         return self.insert(self.root, f"<{tag}/>", first=False)
 
     def list_default_classes(self) -> dict[str, Element]:
@@ -202,18 +197,14 @@ class MjcfDocument:
         return next((a for a in angles[::-1] if a), "degree") == "degree"
 
     def configure(self, tag: str, attributes: Mapping[str, str | None]) -> None:
-        """Change attributes of a setting in the element that has the last word on each.
-
-        Args:
-            attributes: values as MJCF writes them, None to remove one.
-        """
+        """Change attributes of a setting, each in the last element that states it."""
         for name, value in attributes.items():
             holders = [e for e in self.list_sections(tag) if e.get(name) is not None]
             if value is None:
                 for holder in holders:
                     self.inline(holder).set({name: None})
             elif not holders:
-                self.get_section(tag).set({name: value})
+                self.get_section(tag, first=False).set({name: value})
             elif holders[-1].find_changes({name: value}):
                 self.inline(holders[-1]).set({name: value})
 
@@ -222,7 +213,6 @@ class MjcfDocument:
 
         Args:
             xml: the text; its indentation is adapted.
-            first: whether it comes before all other children.
 
         Returns:
             The text's first element.

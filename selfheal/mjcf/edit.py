@@ -39,7 +39,6 @@ class Insert:
 
     Attributes:
         tag: of the parent, as in `Set`; also "mujoco". A section's own name is "".
-        name: of the parent.
         xml: the new text; where it stands sets its indentation.
         first: before everything else in the parent.
         angles: attributes [rad] of the new element; written in degrees where the model
@@ -55,14 +54,7 @@ class Insert:
 
 @dataclass(frozen=True)
 class Rename:
-    """Change an element's tag, and attributes as `Set` does.
-
-    Attributes:
-        tag: as in `Set`.
-        name: as in `Set`.
-        to: the new tag.
-        attributes: values as MJCF writes them, None to remove one.
-    """
+    """Change an element's tag, and attributes as `Set` does."""
 
     tag: str
     name: str | int
@@ -77,7 +69,6 @@ class SetDefault:
     Attributes:
         name: of the class; it is in the main file.
         tag: "joint", ...; made where the class says nothing of it yet.
-        attributes: values as MJCF writes them, None to remove one.
     """
 
     name: str
@@ -108,11 +99,7 @@ def _format_digits(value: float) -> str:
 
 
 def unified_diff(given: str, new: str, name: str) -> str:
-    """Unified diff of two versions of a file, as `git apply` and `patch -p1` take it.
-
-    Returns:
-        The diff; empty where the texts are equal.
-    """
+    """Unified diff of two versions of a file, as git takes it; empty of equal texts."""
     name = format_path(name)
     old, now = (re.findall(r"[^\n]*\n|[^\n]+", text) for text in (given, new))
     lines = difflib.unified_diff(old, now, f"a/{name}", f"b/{name}")
@@ -140,9 +127,9 @@ def apply_edits(
 
     Raises:
         ModelError: a file is missing or no XML, or an element has no text.
-        UnknownNameError: a tag that no edit can speak of.
+        UnknownNameError: a tag that no edit can have.
     """
-    tree = MjcfDocument(path)
+    tree = MjcfDocument(path, in_place=False)
     _edit_document(tree, edits)
     relocate_paths(tree, os.path.realpath(folder))
     return tree.file.to_text()
@@ -175,11 +162,12 @@ def _edit_document(tree: MjcfDocument, edits: Sequence[Edit]) -> None:
 
 
 def list_tags(path: str | os.PathLike[str], tag: str) -> list[tuple[str | None, str]]:
-    """Name and tag of all elements that an edit with this tag can speak of.
+    """Name and tag of all elements that an edit with this tag can change.
 
     In the order of the text, what is included in place; errors as `patched` says.
     """
-    return [(name_of(e), e.tag) for e in MjcfDocument(path).list_elements(tag)]
+    document = MjcfDocument(path, in_place=False)
+    return [(name_of(e), e.tag) for e in document.list_elements(tag)]
 
 
 def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None:
@@ -196,9 +184,8 @@ def _apply_edit(tree: MjcfDocument, edit: Edit, element: Element | None) -> None
     if edit.tag == "mujoco" and edit.name == "":
         element = tree.root
     elif general:
-        is_first = isinstance(edit, Insert) and edit.first
-        find = tree.get_first_section if is_first else tree.get_section
-        element = find(edit.tag)
+        first = isinstance(edit, Insert) and edit.first
+        element = tree.get_section(edit.tag, first=first)
     elif element is None:
         element = tree.find(edit.tag, str(edit.name))
     if isinstance(edit, Insert):

@@ -30,8 +30,8 @@ _KINDS = {  # MuJoCo's name of an object with an id, and where a model counts it
 class ElementIds:
     """Finds the element of a document that has an id in the compiled model.
 
-    MuJoCo is asked: a copy of the document, in which every element of the kind has a
-    name, is compiled once for each kind.
+    MuJoCo assigns ids: a copy of the document, in which every element of the kind has
+    a name, is compiled once for each kind.
     """
 
     def __init__(self, document: MjcfDocument) -> None:
@@ -60,7 +60,7 @@ class ElementIds:
 
     def _name_all(self, tag: str) -> tuple[mujoco.MjModel, dict[str | None, Element]]:
         """Name and compile all of a kind: the model, and elements by their names."""
-        copy, elements = MjcfDocument(self._document.path), {}
+        copy, elements = MjcfDocument(self._document.path, in_place=False), {}
         pairs = zip(
             self._document.list_elements(tag), copy.list_elements(tag), strict=True
         )

@@ -64,7 +64,6 @@ class Element:
     Attributes:
         tag: of the element; empty for a file.
         home: folder of the file that the element was read from.
-        attributes: in the text's order.
         space: between the attributes and the end of the start tag.
         close: the end tag; None where the element closes itself.
         children: elements, and the text and comments between them.
@@ -231,7 +230,7 @@ def find_indentation(element: Element) -> str | None:
     pieces = element.parent.children
     at = pieces.index(element)
     before = pieces[at - 1] if at else ""
-    start, line_end, indent = (
+    _, line_end, indent = (
         before.rpartition("\n") if isinstance(before, str) else ("", "", "x")
     )
     if line_end and not indent.strip():
@@ -272,7 +271,6 @@ def replace_children(
 
     Args:
         at: index of the first child that is replaced.
-        pieces: elements and texts that become children.
     """
     for piece in pieces:
         if isinstance(piece, Element):

@@ -20,9 +20,6 @@ def find_touching_pairs(model: "mujoco.MjModel") -> list[tuple[int, int]]:
 
     A pair whose distance depends on where a free body is, a foot and the floor say, is
     none.
-
-    Args:
-        model: compiled; its joints are turned within their ranges.
     """
     rng = np.random.default_rng(0)
     poses = (
@@ -42,11 +39,8 @@ def draw_pose(model: "mujoco.MjModel", rng: np.random.Generator) -> Floats:
 
     kinds, qpos = mujoco.mjtJoint, model.qpos0.copy()
     for j in range(model.njnt):
-        at, kind, limited = (
-            model.jnt_qposadr[j],
-            model.jnt_type[j],
-            model.jnt_limited[j],
-        )
+        at, kind = model.jnt_qposadr[j], model.jnt_type[j]
+        limited = model.jnt_limited[j]
         if kind == kinds.mjJNT_BALL:
             axis = rng.normal(size=3)
             angle = rng.uniform(0, model.jnt_range[j, 1] if limited else np.pi)

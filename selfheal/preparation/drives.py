@@ -26,7 +26,6 @@ class Gains:
             or N/m].
         kv: their damping, likewise [N m s/rad or N s/m]; of a joint without one the
             damping that is critical in the reference pose.
-        passive: names of joints that have no drive.
         motors: whether torques are commanded.
     """
 
@@ -44,7 +43,6 @@ class Drive:
         joint: its name, and the actuator's.
         tag: of MJCF, "position" or "motor".
         attributes: of the actuator beside its name and joint, as MJCF writes them.
-        says: what it is, in words.
         motor: id of the torque motor in whose place it is; None where there was none.
     """
 
@@ -81,8 +79,8 @@ def list_motors(model: "mujoco.MjModel") -> dict[int, int]:
         & (model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_NONE))
     )
     turned = np.where(is_at_joint, model.actuator_trnid[:, 0], -1).tolist()
-    return {turned[a]: int(a) for a in np.flatnonzero(is_motor)
-            if turned.count(turned[a]) == 1}  # fmt: skip
+    motors = [int(a) for a in np.flatnonzero(is_motor)]
+    return {turned[a]: a for a in motors if turned.count(turned[a]) == 1}
 
 
 def list_followers(model: "mujoco.MjModel") -> dict[int, int]:
@@ -103,8 +101,11 @@ def build_drives(model: "mujoco.MjModel", gains: Gains) -> list[Drive]:
         InputError: a joint has no gain, or nothing says what drives it.
     """
     joints = {model.joint(j).name: j for j in list_undriven(model)}
-    motors = {model.joint(j).name: a for j, a in list_motors(model).items()
-              if {model.joint(j).name, EVERY} & {*gains.kp}}  # fmt: skip
+    motors = {
+        name: a
+        for j, a in list_motors(model).items()
+        if {(name := model.joint(j).name), EVERY} & {*gains.kp}
+    }
     joints |= {name: model.joint(name).id for name in motors if name}
     joints.pop("", None)
     for name in {*gains.kp, *gains.kv, *gains.passive} - {EVERY}:

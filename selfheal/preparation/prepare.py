@@ -23,17 +23,11 @@ if TYPE_CHECKING:
     import mujoco
 
 SOURCE = "urdf"  # name of the <text> that says which URDF a model was made of
-SIZED = ("qpos", "qvel", "act", "ctrl", "mpos", "mquat")  # what a keyframe may hold
 
 
 @dataclass(frozen=True)
 class Preparation:
-    """A prepared model.
-
-    Attributes:
-        text: of the MJCF.
-        steps: what was done and what was left, a sentence each.
-    """
+    """A prepared model."""
 
     text: str
     steps: tuple[str, ...]
@@ -44,13 +38,12 @@ def prepare_model(
     folder: str | os.PathLike[str],
     gains: Gains,
     *,
-    weld_base: bool = False,
-    without_contacts: bool = False,
+    weld_base: bool,
+    without_contacts: bool,
 ) -> Preparation:
     """The MJCF of a robot in which every joint that a drive could turn has one.
 
     Args:
-        path: of the URDF or MJCF.
         folder: where the text will lie; meshes are still found from there.
         weld_base: whether bodies with a free joint lose it.
         without_contacts: whether shapes that give no inertia are left out.
@@ -75,16 +68,16 @@ def prepare_model(
     except ValueError as error:
         said = describe_refusal(name, error) + _explain_shapes(path)
         raise ModelError(said) from error
-    document = MjcfDocument(path, spec.to_xml())
+    document = MjcfDocument(path, spec.to_xml(), in_place=False)
     added = [drive for drive in drives if drive.motor is None]
-    section = document.get_section("actuator") if added else None
+    section = document.get_section("actuator", first=False) if added else None
     for drive in added:
         assert section
         new = document.insert(section, f"<{drive.tag}/>", first=False)
         new.set({"name": drive.joint, "joint": drive.joint, **drive.attributes})
     relocate_paths(document, os.path.realpath(folder))
     if is_urdf(path):
-        custom = document.get_section("custom")
+        custom = document.get_section("custom", first=False)
         source = document.insert(custom, "<text/>", first=False)
         place = os.path.relpath(os.path.realpath(path), os.path.realpath(folder))
         source.set({"name": SOURCE, "data": format_path(place)})
@@ -112,16 +105,16 @@ def _compile_bare(spec: "mujoco.MjSpec") -> "mujoco.MjModel":
 
 
 def _list_meshes(name: str) -> set[str]:
-    """Names of the mesh files that a model's text speaks of."""
+    """Names of the mesh files in a model's text."""
     root: Element = parse(Path(name).read_text(errors="replace"), "", name).root()
     if root.tag == "mujoco":
-        root = MjcfDocument(name).root
+        root = MjcfDocument(name, in_place=False).root
     files = (e.get("file") or e.get("filename") for e in root.walk() if e.tag == "mesh")
     return {os.path.basename(file) for file in files if file}
 
 
 def _describe_meshes(name: str, spec: "mujoco.MjSpec") -> Iterator[str]:
-    """Which meshes the spec lacks that the text speaks of."""
+    """Which meshes of the text the spec does not have."""
     kept = {os.path.basename(mesh.file) for mesh in spec.meshes}
     if dropped := sorted(_list_meshes(name) - kept):
         yield f"left out meshes that are only seen: {join_names(dropped)}"
@@ -130,14 +123,13 @@ def _describe_meshes(name: str, spec: "mujoco.MjSpec") -> Iterator[str]:
 def _leave_out_shapes(spec: "mujoco.MjSpec") -> Iterator[str]:
     """Delete geoms that give no inertia, and their meshes; what was done."""
     always = int(spec.compiler.inertiafromgeom) == 1  # mjINERTIAFROMGEOM_TRUE
+    bodies = [geom.parent for geom in spec.geoms]
     needless = [
         geom
-        for geom in spec.geoms
-        if geom.parent is not None
-        and not always
-        and (geom.parent.explicitinertial or geom.parent.name == "world")
+        for geom, body in zip(spec.geoms, bodies, strict=True)
+        if body is not None and (body.explicitinertial or body.name == "world")
     ]
-    for geom in needless:
+    for geom in () if always else needless:
         spec.delete(geom)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
@@ -173,13 +165,13 @@ def _weld(spec: "mujoco.MjSpec") -> Iterator[str]:
 def _fit_keyframes(spec: "mujoco.MjSpec", is_driven: bool) -> Iterator[str]:
     """Delete keyframes that do not fit the model; what was done."""
     model = _compile_bare(spec)
-    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu,
-             "mpos": 3 * model.nmocap, "mquat": 4 * model.nmocap}  # fmt: skip
+    sizes = {"qpos": model.nq, "qvel": model.nv, "act": model.na, "ctrl": model.nu}
+    sizes |= {"mpos": 3 * model.nmocap, "mquat": 4 * model.nmocap}
     for key in list(spec.keys):
         label = f"keyframe {quote_name(key.name)}"
-        for field in SIZED:
-            if (count := len(getattr(key, field))) not in (0, sizes[field]):
-                fits = f"{count} numbers, not {sizes[field]}"
+        for field, size in sizes.items():
+            if (count := len(getattr(key, field))) not in (0, size):
+                fits = f"{count} numbers, not {size}"
                 yield f"dropped {label}: its {field} has {fits}"
                 spec.delete(key)
                 break
@@ -210,17 +202,12 @@ def _move_limits(spec: "mujoco.MjSpec", drives: Sequence[Drive]) -> Iterator[str
 
     for drive in drives:
         joint = spec.joint(drive.joint)
-        joint.actfrcrange, joint.actfrclimited = (
-            [0, 0],
-            mujoco.mjtLimited.mjLIMITED_AUTO,
-        )
-    euler, implicit = (
-        mujoco.mjtIntegrator.mjINT_EULER,
-        mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    )
+        joint.actfrcrange = [0, 0]
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_AUTO
+    kinds = mujoco.mjtIntegrator
     is_servo = any(drive.tag == "position" for drive in drives)
-    if is_servo and spec.option.integrator == euler:
-        spec.option.integrator = implicit
+    if is_servo and spec.option.integrator == kinds.mjINT_EULER:
+        spec.option.integrator = kinds.mjINT_IMPLICITFAST
         yield "integrator implicitfast, in which the damping of servos is stable"
 
 

@@ -32,10 +32,6 @@ def validate(recording: "Recording") -> None:
 def check_episode(name: str, episode: Episode, file: str) -> None:
     """Refuse an episode that breaks the contract.
 
-    Args:
-        episode: or a part of one.
-        file: that it is in, for the message.
-
     Raises:
         RecordingError: the first problem.
     """

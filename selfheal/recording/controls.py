@@ -119,9 +119,6 @@ def find_single_columns(
 ) -> list[int]:
     """Columns of actuators that have one control each, whatever else there is.
 
-    Args:
-        where: the columns are, for the message.
-
     Raises:
         RecordingError: an actuator has no column, or several.
     """

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """What one sensor said.
+    """Readings of one sensor.
 
     Attributes:
         values: (T) or (T, d) [unit]; NaN where a sample is missing.
@@ -45,10 +45,8 @@ class Episode:
         ctrl_names: actuator of each column of `ctrl`. One with several controls, as
             MuJoCo's <pid>, has its name on each, in MuJoCo's order; or each is named
             after what it commands, too (`controls.Control.full_name`, "servo_vel").
-        signals: by name.
         qpos0: (nq) or None, position at time[0].
         qvel0: (nv) or None, velocity at time[0].
-        motion: label or None.
     """
 
     time: Floats
@@ -74,7 +72,7 @@ class Kind:
     Attributes:
         target: the sort of thing it belongs to.
         units: those that fit; empty where the model's sensor decides.
-        width: columns; 0 for a plain (T) signal, None where the sensor decides.
+        width: columns; 0 for a scalar (T) signal, None where the sensor decides.
         may_lack_target: True where an empty target has a meaning.
     """
 
@@ -117,11 +115,7 @@ class Location:
 
 
 def name_signal(kind: str, target: str, taken: Container[str]) -> str:
-    """A name for a signal that no other has: "elbow_position", say.
-
-    Args:
-        target: of the model, or "".
-    """
+    """A name for a signal that no other has: "elbow_position", say."""
     word = kind.removeprefix("joint_").removeprefix("body_")
     parts = [target, "" if kind == "sensor" else word]
     name = "_".join(filter(None, parts)).replace("/", "_").replace("\0", "_")

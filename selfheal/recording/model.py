@@ -25,7 +25,7 @@ class Target:
 
     Attributes:
         units: of its signals, by kind; a kind that is not in it is not known.
-        width: columns of its signal, 0 for a plain (T) one; None: the kind decides.
+        width: columns of its signal, 0 for a scalar (T) one; None: the kind decides.
         range: of a joint, or of an actuator's joint [rad or m]; None where it has none.
     """
 
@@ -59,7 +59,7 @@ class ModelNames:
 
 
 def check_against_model(recording: "Recording", names: ModelNames) -> None:
-    """Refuse a recording that speaks of what the model does not have.
+    """Refuse a recording of what the model does not have.
 
     Raises:
         RecordingError: the first problem: file, episode, signal and what would fit.

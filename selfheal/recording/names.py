@@ -1,4 +1,4 @@
-"""What a model can be asked about: takes an MJCF, gives the names and their units."""
+"""Names of a model: takes an MJCF or URDF, gives them and their units."""
 
 import os
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from .model import ModelNames, Target
 if TYPE_CHECKING:
     import mujoco
 
-_KNOWN = (".xml", ".urdf")  # ends of names, by which MuJoCo tells what a file is
+_KNOWN = (".xml", ".urdf")  # ends of names, by which MuJoCo recognizes a file
 # by MuJoCo's name of the sensor, without mjSENS_; a sensor that is not here may have
 # any unit: MuJoCo does not say one
 SENSOR_UNITS: Mapping[str, str] = {
@@ -128,7 +128,7 @@ def list_model_names(model: "mujoco.MjModel") -> ModelNames:
             for s in range(model.nsensor)
         },
     }
-    # what has no name cannot be asked about
+    # what has no name cannot be referred to
     for things in targets.values():
         things.pop("", None)
     unnamed = model.nactuator - len(targets["actuator"])

@@ -1,4 +1,4 @@
-"""What one robot did and felt: made of files, of arrays or of tables; checked."""
+"""Recordings of one robot: made of files, of arrays or of tables; checked."""
 
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -47,7 +47,7 @@ class DataFrame(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What one robot did and felt.
+    """What one robot did and measured.
 
     Attributes:
         episodes: by id.
@@ -80,8 +80,8 @@ class Recording:
                 with several controls has one for each, by `controls.Control.full_name`.
             signals: (T), or (T, d) of a vector, by kind of `KINDS` and by name of
                 the joint, actuator, body or sensor; NaN where a sample is missing.
-            model: MJCF or URDF that the names are checked against; it tells slides
-                (m, m/s, N) from hinges (rad, rad/s, N m), which are assumed without.
+            model: MJCF or URDF that the names are checked against, and which states
+                the units; without, joints are hinges (rad, rad/s, N m).
             **more: `episode` (its id), `qpos0` (nq), `qvel0` (nv), `motion`, `robot`,
                 `source`: see `Episode` and `Recording`.
 
@@ -143,7 +143,7 @@ class Recording:
 
         Raises:
             RecordingError: it breaks the contract.
-            InputError: the table lacks a column, or one holds no numbers.
+            InputError: the table does not have a column, or one holds no numbers.
         """
         columns = [str(name) for name in frame.columns]
 
@@ -194,8 +194,6 @@ class Recording:
 
         Args:
             signals: names; None draws all of the first one's unit.
-            episode: its id; None takes the first one.
-            ax: to draw on; None makes a figure of matplotlib's pyplot.
 
         Raises:
             UnknownNameError: there is no such episode or signal.

@@ -31,7 +31,6 @@ def split(
     and qvel0: its initial state was not recorded.
 
     Args:
-        recording: one or more episodes.
         held_out: `id`, `id[t0,t1]` [s], `file.h5:id` or `file.h5:id[t0,t1]`. Without
             any: of one episode the last third, of several a third of them but the
             first, such that what is fitted still spans what is held out.
@@ -61,10 +60,10 @@ def strip_file(entry: str, file: str) -> str:
     """A held-out name without the file before it: its path, or the end of that."""
     own = Path(os.path.abspath(file)).parts
     for colon in re.finditer(":", entry):
-        told = entry[: colon.start()]
-        parts = Path(os.path.normpath(told)).parts if told else ()
-        same = told == file or os.path.realpath(told) == os.path.realpath(file)
-        if told and (same or own[-len(parts) :] == parts):
+        named = entry[: colon.start()]
+        parts = Path(os.path.normpath(named)).parts if named else ()
+        same = named == file or os.path.realpath(named) == os.path.realpath(file)
+        if named and (same or own[-len(parts) :] == parts):
             return entry[colon.end() :]
     return entry
 
@@ -110,7 +109,7 @@ def _choose_windows(recording: Recording) -> _Windows:
 def _choose_spanned(episodes: Sequence[Episode], count: int) -> set[int]:
     """Numbers of so many episodes whose commands, readings and rates the rest span.
 
-    A fit that never saw the fastest motion is asked to extrapolate by one that did. Of
+    A fit that never saw the fastest motion has to extrapolate in one that did. Of
     the episodes that the rest span about equally well, those that reach furthest are
     held out: they ask most of a fit. The first one is not: it may be all that shows the
     robot as it was before it changed.

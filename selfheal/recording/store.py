@@ -70,7 +70,7 @@ def load(path: str | os.PathLike[str]) -> Recording:
     """Read a recording that is not checked, whatever that does to the process.
 
     Raises:
-        RecordingError: it lacks something.
+        RecordingError: something is missing in it.
         OSError, RuntimeError, KeyError, ValueError, TypeError: h5py's, of a file that
             is damaged.
     """
@@ -82,10 +82,6 @@ def open_recording(
     recording: Recording | str | os.PathLike[str], *, model: str = MODEL
 ) -> Recording:
     """A recording, checked: the one that is given, or the one at a path.
-
-    Args:
-        recording: or its path.
-        model: as of `read`.
 
     Raises:
         RecordingError: it breaks the contract.
@@ -197,7 +193,7 @@ def _read_signal(dataset: h5py.Dataset, place: Location) -> Signal:
 
 
 def _find_member(parent: h5py.Group, name: str, place: Location) -> h5py.HLObject:
-    # asked of the link itself: `name in parent` would open the file it points to
+    # by the link itself: `name in parent` would open the file it points to
     links, key = parent.id.links, name.encode()
     if not links.exists(key):
         raise place.make_error(

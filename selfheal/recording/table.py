@@ -58,11 +58,7 @@ def list_signals(
 def list_columns(
     recording: "Recording", predicted: "Recording | None", name: str
 ) -> dict[str, tuple[Floats, str]]:
-    """Values (T) and unit of all columns of an episode, by their names.
-
-    Args:
-        predicted: of the same samples, or None.
-    """
+    """Values (T) and unit of all columns of an episode, by their names."""
     episode = recording.episodes[name]
     beside = list_signals(predicted.episodes[name], PREDICTED) if predicted else {}
     return {**list_commands(episode), **list_signals(episode), **beside}
@@ -74,9 +70,6 @@ def build_table(
     """Arrow's table of all episodes, null where a sample is missing.
 
     Its first columns are `episode` and `time`; `find_unit` has a column's unit.
-
-    Args:
-        predicted: the same samples as a model predicts them.
 
     Raises:
         InputError: a signal has one unit in an episode and another one elsewhere.

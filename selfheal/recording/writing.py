@@ -35,13 +35,7 @@ def write(recording: "Recording", path: str | os.PathLike[str]) -> None:
 
 @dataclass(frozen=True)
 class Writer:
-    """A recording that is being written; see `open_writer`.
-
-    Attributes:
-        episodes: group of the file.
-        path: of the file, for messages.
-        compression: of arrays, as h5py has it.
-    """
+    """A recording that is being written; see `open_writer`."""
 
     episodes: h5py.Group
     path: str
@@ -49,10 +43,6 @@ class Writer:
 
     def append(self, name: str, part: Episode) -> None:
         """Check a part of an episode and write it behind what the episode has.
-
-        Args:
-            name: of the episode; a new one is begun where there is none.
-            part: of it: times behind those that were written, the same signals.
 
         Raises:
             RecordingError: the part breaks the contract.
@@ -77,8 +67,6 @@ def open_writer(
 
     Args:
         path: of the file, which appears whole at the end or not at all.
-        robot: label or None.
-        source: where the data come from, or None.
         compression: of arrays, as h5py has it; None writes thrice as fast.
 
     Raises:
@@ -128,7 +116,6 @@ def _write_rows(
 
     Args:
         values: (T, ...) its first rows.
-        compression: as h5py has it.
     """
     if not values.size:  # it cannot be chunked, so neither compressed nor extended
         return group.create_dataset(name, data=values, dtype="f8")

@@ -38,8 +38,8 @@ def _list_expected(recording, predicted):
     found = {}
     for name, episode in recording.episodes.items():
         columns = {"time": episode.time}
-        columns |= {f"ctrl/{n}": c for n, c in
-                    zip(episode.ctrl_names, episode.ctrl.T, strict=True)}  # fmt: skip
+        for actuator, commands in zip(episode.ctrl_names, episode.ctrl.T, strict=True):
+            columns[f"ctrl/{actuator}"] = commands
         groups = {"signals": episode, "predicted": predicted.episodes[name]}
         for group, part in groups.items():
             for signal, s in part.signals.items():

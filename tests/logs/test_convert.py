@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from selfheal.errors import InputError
-from selfheal.logs import converter
 from selfheal.logs.convert import import_logs
 from selfheal.recording import read
 from tests.support.logs.table_log import LEG, TableLog, make_map
@@ -28,9 +27,9 @@ ALL = f'[time]\ncolumn = "t"\n{COMMANDS}{POSITION}'
 
 def _table(rows=50, start=0.0):
     rng = np.random.default_rng(rows)
-    return {"t": start + 0.01 * np.arange(rows),
-            **{name: rng.normal(size=rows)
-               for name in ("u_hip", "u_knee", "q_hip", "v")}}  # fmt: skip
+    columns = ("u_hip", "u_knee", "q_hip", "v")
+    table = {"t": start + 0.01 * np.arange(rows)}
+    return table | {name: rng.normal(size=rows) for name in columns}
 
 
 def _import(log, text, tmp_path, **more):
@@ -50,31 +49,35 @@ def test_a_table_comes_back_as_it_was(tmp_path):
     assert (signal.values == table["q_hip"]).all()
     assert episode.time == pytest.approx(table["t"] - 12.3)
     assert made.episodes[0].start == 12.3
-    assert made.assumed == {"the model's unit": ["command of hip", "command of knee"],
-                            "rad": ["joint_position of hip"]}  # fmt: skip
+    commands = ["command of hip", "command of knee"]
+    positions = ["joint_position of hip"]
+    assert made.assumed == {"the model's unit": commands, "rad": positions}
 
 
-def test_blocks_of_any_length_make_the_same_recording(tmp_path, monkeypatch):
-    streams = {"a": _table(50), "b": {"t": 0.013 * np.arange(30) + 0.1,
-                                      "w": np.arange(30.0)}}  # fmt: skip
-    text = (f'[time]\ncolumn = "t"\n{COMMANDS}[[signals]]\nkind = "joint_velocity"\n'
-            'columns = "b:w"\ntargets = ["knee"]\n')  # fmt: skip
-    found = []
-    for block in (1000, 7, 1):
-        monkeypatch.setattr(converter, "_BLOCK", block)
-        recording, _ = _import(TableLog(streams), text, tmp_path)
-        found.append(recording.episodes["000"])
-    for other in found[1:]:
-        for name in ("time", "ctrl"):
-            assert (getattr(other, name) == getattr(found[0], name)).all()
-        values = [e.signals["knee_velocity"].values for e in (other, found[0])]
-        np.testing.assert_array_equal(*values)
+def test_blocks_of_a_long_log_make_one_recording(tmp_path):
+    time, late = np.arange(450_000) / 1000, np.arange(90_000) / 200 + 0.0005
+    table = {"t": time} | {
+        n: np.sin(time + k) for k, n in enumerate(("u_hip", "u_knee"))
+    }
+    streams = {"a": table, "b": {"t": late, "w": late}}
+    text = (
+        f'[time]\ncolumn = "t"\n{COMMANDS}[[signals]]\nkind = "joint_velocity"\n'
+        'columns = "b:w"\ntargets = ["knee"]\n'
+    )
+    recording, _ = _import(TableLog(streams, piece=50_000), text, tmp_path)
+    episode = recording.episodes["000"]
+    assert episode.time == pytest.approx(np.union1d(time, late), abs=1e-9)
+    speeds = episode.signals["knee_velocity"].values
+    is_read = np.isin(np.union1d(time, late), late)
+    np.testing.assert_array_equal(speeds, np.where(is_read, episode.time, np.nan))
+    held = np.searchsorted(time, episode.time + 1e-9, side="right") - 1
+    np.testing.assert_array_equal(episode.ctrl[:, 1], table["u_knee"][held])
 
 
 @pytest.mark.parametrize(
     "rule, expected",
     [
-        ('unit = "deg"', lambda x: np.deg2rad(x)),
+        ('unit = "deg"', np.deg2rad),
         ("sign = -1\noffset = 0.5", lambda x: 0.5 - x),
         ("scale = [2.0]\nunit = 'turn'", lambda x: 4 * np.pi * x),
         ("from_range = [0, 100]\nto_range = [-1, 1.5]", lambda x: -1 + x / 40),
@@ -114,8 +117,11 @@ def test_a_command_is_held_and_a_reading_is_not(tmp_path):
 
 
 def test_commands_of_two_streams_begin_with_what_was_held(tmp_path):
-    streams = {"a": {"t": [0.0, 1.0], "x": [1.0, 2.0]},
-               "b": {"t": [0.5, 1.5], "y": [3.0, 4.0]}}  # fmt: skip
+    first, second = (
+        {"t": [0.0, 1.0], "x": [1.0, 2.0]},
+        {"t": [0.5, 1.5], "y": [3.0, 4.0]},
+    )
+    streams = {"a": first, "b": second}
     text = "".join(
         f'[[signals]]\nkind = "command"\ncolumns = "{c}"\ntargets = ["{j}"]\n'
         for c, j in (("y", "knee"), ("x", "hip"))
@@ -254,8 +260,8 @@ def test_what_does_not_fit_is_said_and_nothing_is_written(text, said, tmp_path):
 
 
 def test_a_star_takes_all_columns_that_differ_there(tmp_path):
-    table = {"t": 0.01 * np.arange(4), **{f"pos[{j}]": np.ones(4) * k
-             for k, j in enumerate(("knee", "hip"))}}  # fmt: skip
+    table = {f"pos[{j}]": np.ones(4) * k for k, j in enumerate(("knee", "hip"))}
+    table["t"] = 0.01 * np.arange(4)
     text = '[time]\ncolumn = "t"\n' + "".join(
         f'[[signals]]\nkind = "{kind}"\ncolumns = "pos[*]"\n'
         for kind in ("command", "joint_position")

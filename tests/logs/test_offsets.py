@@ -28,9 +28,8 @@ def _make_episode(model, late):
 
     def move(t):
         q = np.stack([0.7 * np.sin(1.3 * t) + 0.2 * np.sin(5 * t), np.cos(2.1 * t)], -1)
-        v = np.stack([0.91 * np.cos(1.3 * t) + np.cos(5 * t), -2.1 * np.sin(2.1 * t)],
-                     -1)  # fmt: skip
-        return q, v
+        rates = 0.91 * np.cos(1.3 * t) + np.cos(5 * t), -2.1 * np.sin(2.1 * t)
+        return q, np.stack(rates, -1)
 
     data, gyro, quat = mujoco.MjData(model), [], []
     for t in others:

@@ -117,19 +117,17 @@ def test_a_mesh_beside_the_including_file_is_found_when_that_is_written_out(tmp_
         assert "dof_armature" in changed and "mesh_vert" not in changed
 
 
+TWO = '<compiler assetdir="x"/><compiler assetdir="t"/>'
+STRIP = '<compiler strippath="true" assetdir="a"/>'
 DIRS = {  # compiler, mesh, texture, height field
     "none": ("", "m/c.obj", "t/t.png", "t/t.png"),
     "mesh": ('<compiler meshdir="m"/>', "c.obj", "t/t.png", "../t/t.png"),
     "both": ('<compiler meshdir="m" texturedir="t"/>', "c.obj", "t.png", "../t/t.png"),
     "asset": ('<compiler assetdir="m"/>', "c.obj", "../t/t.png", "../t/t.png"),
-    "override": (
-        '<compiler assetdir="t" meshdir="m"/>', "c.obj", "t.png", "../t/t.png"),
-    "two": (
-        '<compiler assetdir="x"/><compiler assetdir="t"/>', "../m/c.obj", "t.png",
-        "t.png"),
-    "strip": (
-        '<compiler strippath="true" assetdir="a"/>', "x/c.obj", "/y/t.png", "t.png"),
-}  # fmt: skip
+    "over": ('<compiler assetdir="t" meshdir="m"/>', "c.obj", "t.png", "../t/t.png"),
+    "two": (TWO, "../m/c.obj", "t.png", "t.png"),
+    "strip": (STRIP, "x/c.obj", "/y/t.png", "t.png"),
+}
 
 
 @pytest.mark.parametrize("case", DIRS)
@@ -190,7 +188,7 @@ def test_an_attached_model_is_found_and_its_insides_have_no_text(tmp_path):
         "<frame><attach model='k' body='b' prefix='p_'/></frame></worldbody></mujoco>",
     )
     assert list_edited_fields(path, [], "out") == set()
-    with pytest.raises(ModelError, match="no joint 'p_j'.*<attach> makes"):
+    with pytest.raises(ModelError, match=r"no joint 'p_j'.*<attach> makes"):
         apply_edits(path, [Set("joint", "p_j", {"damping": "1"})], tmp_path)
 
 

@@ -58,6 +58,7 @@ def test_values_that_are_there_keep_their_spelling(arm, tmp_path):
     assert apply_edits(arm, edits, tmp_path) == ARM
 
 
+FORCES = {"actuator_forcerange", "actuator_forcelimited"}
 SETS = [
     (Set("joint", "hip", {"armature": "0.02"}), {"dof_armature"}),
     (Set("joint", "hip", {"frictionloss": "1"}), {"dof_frictionloss"}),
@@ -67,14 +68,13 @@ SETS = [
     (Set("geom", "cap", {"friction": "0.3"}), {"geom_friction"}),
     (Set("body", "ball", {"pos": "0 0 3"}), {"body_pos", "qpos0", "qpos_spring"}),
     (Set("site", "top", {"pos": "0 0 1"}), {"site_pos", "site_sameframe"}),
-    (Set("actuator", "servo", {"forcerange": "-1 1"}),
-     {"actuator_forcerange", "actuator_forcelimited"}),
+    (Set("actuator", "servo", {"forcerange": "-1 1"}), FORCES),
     (Set("actuator", 1, {"gear": "2"}), {"actuator_gear"}),
     (Set("sensor", "angle", {"noise": "0.1"}), {"sensor_noise"}),
     (Set("option", "", {"density": "1.2"}), {"opt.density"}),
     (Insert("actuator", "", '<motor joint="hip"/>'), {"nu"}),
     (Insert("worldbody", "", "<site/>"), None),
-]  # fmt: skip
+]
 
 
 def _name_case(value) -> str:
@@ -94,18 +94,6 @@ def test_only_what_was_asked_for_changes(arm, edit, fields):
         assert changed == fields
     diff = list_changed_lines(ARM, apply_edits(arm, [edit], arm.parent))
     assert len(diff) <= 2
-
-
-def test_a_changed_attribute_is_the_only_changed_text(arm, tmp_path):
-    edits = [Set("joint", "hip", {"armature": "0.2"}), Set("geom", 3, {"mass": "2"})]
-    new = apply_edits(arm, edits, tmp_path)
-    expected = ARM.replace('armature="0.01"', 'armature="0.2"')
-    expected = expected.replace('<geom name="cap" size="0.05"/>', "CAP")
-    found = re.findall(r' mass="2"', new)
-    assert len(found) == 1
-    assert new.replace(' mass="2"', "") == expected.replace(
-        "CAP", '<geom name="cap" size="0.05"/>'
-    )
 
 
 def test_edits_of_one_element_add_up(arm, tmp_path):
@@ -174,17 +162,7 @@ def test_renaming_changes_the_tag_and_the_attributes(arm, tmp_path):
     assert {f for f in changed if "actuator_" in f} <= {"actuator_ctrlspec"}
 
 
-def test_renaming_an_open_element_renames_its_end(tmp_path):
-    path = write_file(
-        tmp_path / "a.xml",
-        "<mujoco><worldbody><body><freejoint></freejoint ><geom size='1'/></body>"
-        "</worldbody></mujoco>",
-    )
-    new = apply_edits(path, [Rename("joint", 0, "joint", {"type": "free"})], tmp_path)
-    assert '<joint type="free"></joint>' in new
-
-
-def _inserted(tmp_path, text: str, edit: Insert) -> str:
+def _edit_text(tmp_path, text: str, edit: Set | Insert | Rename) -> str:
     path = write_file(tmp_path / "m.xml", f"<mujoco>{text}</mujoco>")
     new = apply_edits(path, [edit], tmp_path)
     assert new.startswith("<mujoco>") and new.endswith("</mujoco>")
@@ -238,17 +216,17 @@ PLACES = {
 @pytest.mark.parametrize("case", PLACES)
 def test_what_is_inserted_is_indented_like_its_siblings(case, tmp_path):
     before, after = (WORLD.format(text) for text in PLACES[case])
-    assert _inserted(tmp_path, before, Insert("body", "b", "<X/>")) == after
+    assert _edit_text(tmp_path, before, Insert("body", "b", "<X/>")) == after
 
 
 def test_the_first_place_is_before_comments_but_not_those_of_the_line(tmp_path):
-    before = WORLD.format('    <body name="b">  <!-- b -->\n      <!-- j -->\n'
-                          "      <joint/>\n    </body>")  # fmt: skip
+    body = '    <body name="b">  <!-- b -->\n      <!-- j -->\n      <joint/>\n'
+    before = WORLD.format(f"{body}    </body>")
     insert = Insert("body", "b", "<X>\n  <Y/>\n</X>", first=True)
     after = before.replace(
         "<!-- b -->\n", "<!-- b -->\n      <X>\n        <Y/>\n      </X>\n"
     )
-    assert _inserted(tmp_path, before, insert) == after
+    assert _edit_text(tmp_path, before, insert) == after
 
 
 def test_sections_are_made_where_they_are_missing(tmp_path):
@@ -273,22 +251,36 @@ def test_sections_are_made_where_they_are_missing(tmp_path):
     assert [c for c in list_changed_lines(path.read_text(), new) if c[0] == "-"] == []
 
 
-def test_settings_are_changed_where_they_are_made(tmp_path):
-    text = (
-        '<mujoco><option timestep="0.1"/><worldbody/>'
-        '<option timestep="0.2" density="1"/></mujoco>'
-    )
-    path = write_file(tmp_path / "m.xml", text)
-    new = apply_edits(path, [Set("option", "", {"timestep": "0.3"})], tmp_path)
-    assert new == text.replace("0.2", "0.3")
-    new = apply_edits(path, [Set("option", "", {"timestep": None})], tmp_path)
-    assert "timestep" not in new
+BODY = "<worldbody><body>{}<geom size='1'/></body></worldbody>"
+TWICE = '<option{}/><worldbody/><option{} density="1"/>'
+TEXTS = {  # before, edit, after
+    "one line": (
+        "<worldbody/>",
+        Set("option", "", {"timestep": "1"}),
+        '<option timestep="1"/><worldbody/>',
+    ),
+    "the last setting counts": (
+        TWICE.format(' timestep="0.1"', ' timestep="0.2"'),
+        Set("option", "", {"timestep": "0.3"}),
+        TWICE.format(' timestep="0.1"', ' timestep="0.3"'),
+    ),
+    "a setting is removed wherever it is": (
+        TWICE.format(' timestep="0.1"', ' timestep="0.2"'),
+        Set("option", "", {"timestep": None}),
+        TWICE.format("", ""),
+    ),
+    "an open element has its end renamed": (
+        BODY.format("<freejoint></freejoint >"),
+        Rename("joint", 0, "joint", {"type": "free"}),
+        BODY.format('<joint type="free"></joint>'),
+    ),
+}
 
 
-def test_a_model_without_line_breaks_stays_one_line(tmp_path):
-    path = write_file(tmp_path / "m.xml", "<mujoco><worldbody/></mujoco>")
-    new = apply_edits(path, [Set("option", "", {"timestep": "1"})], tmp_path)
-    assert new == '<mujoco><option timestep="1"/><worldbody/></mujoco>'
+@pytest.mark.parametrize("case", TEXTS)
+def test_an_edit_changes_the_text_where_it_says_so(case, tmp_path):
+    before, edit, after = TEXTS[case]
+    assert _edit_text(tmp_path, before, edit) == after
 
 
 def test_every_model_of_mujoco_comes_back_and_loads_from_elsewhere(tmp_path):

@@ -35,13 +35,13 @@ def test_an_unknown_name_lists_what_there_is(arm, tmp_path):
         apply_edits(arm, [Set("actuator", "x", {})], tmp_path)
     with pytest.raises(ModelError, match="no geom has id 9; there are 5"):
         apply_edits(arm, [Set("geom", 9, {})], tmp_path)
-    with pytest.raises(ModelError, match="no inertial 'upper'.*none"):
+    with pytest.raises(ModelError, match=r"no inertial 'upper'.*none"):
         apply_edits(arm, [Set("inertial", "upper", {})], tmp_path)
     with pytest.raises(ModelError, match="no joint ''"):
         apply_edits(arm, [Set("joint", "", {})], tmp_path)
     with pytest.raises(ModelError, match="option> has no name"):
         apply_edits(arm, [Set("option", "o", {})], tmp_path)
-    with pytest.raises(UnknownNameError, match="unknown tag 'leg'.*joint"):
+    with pytest.raises(UnknownNameError, match=r"unknown tag 'leg'.*joint"):
         apply_edits(arm, [Set("leg", "x", {})], tmp_path)
 
 
@@ -61,9 +61,7 @@ def test_what_mujoco_makes_has_no_text(name, tmp_path):
     with pytest.raises(ModelError, match=r"no joint '.*j?.*'own'.*<replicate> makes"):
         apply_edits(path, [edit], tmp_path)
     after = compile_edited(path, [Set("joint", 3, {"damping": "1"})])
-    assert after.dof_damping.ravel()[[0, 3]].tolist() == [0, 1] or (
-        after.dof_damping[3, 0] == 1
-    )
+    assert after.dof_damping.ravel()[[0, 3]].tolist() == [0, 1]
 
 
 def test_frames_are_seen_through(tmp_path):

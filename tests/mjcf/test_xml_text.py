@@ -68,7 +68,7 @@ def test_what_is_no_xml_is_refused(text, tmp_path):
 
 def test_damage_has_a_line(tmp_path):
     path = write_file(tmp_path / "m.xml", ARM.replace("</body>\n    <body", "<body"))
-    with pytest.raises(ModelError, match="in <worldbody>|in <body>.*line 2[0-9]"):
+    with pytest.raises(ModelError, match=r"in <(worldbody|body)>.*line 2[0-9]"):
         apply_edits(path, [], tmp_path)
 
 

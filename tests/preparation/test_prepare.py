@@ -59,8 +59,8 @@ def test_a_urdf_gets_servos_where_joints_are_free_to_be_driven(tmp_path):
     np.testing.assert_allclose(model.actuator_forcerange, [[-30, 30], [0, 0]])
     assert list(model.jnt_actfrclimited[:2]) == [0, 0]  # stated once
     np.testing.assert_allclose(model.eq_data[0, :2], [0.02, 0.01])
-    for words in ("'grip': no drive, it follows 'elbow'", "'shoulder' 3.5 rad/s",
-                  "'world' and 'upper'", "upper.dae", "-30 to 30 N m"):  # fmt: skip
+    assert "'grip': no drive, it follows 'elbow'" in said
+    for words in ("'shoulder' 3.5 rad/s", "'world' and 'upper'", "upper.dae", "30 N m"):
         assert words in said
 
 
@@ -83,10 +83,11 @@ def test_check_and_diagnose_read_what_was_prepared(tmp_path):
     out = tmp_path / "out" / "m.xml"
     signals = {j: ("joint_position", j, "rad") for j in ("shoulder", "elbow")}
     robot = Robot(
-        out.read_text(), signals,
+        out.read_text(),
+        signals,
         lambda t, rng: 0.2 * np.sin(3 * t)[:, None] * np.ones(2),
         lambda rng: (np.array([0, 0, 0.02]), np.zeros(3)),
-    )  # fmt: skip
+    )
     recording = record(robot, episodes=1, seconds=0.5)
     write(recording, tmp_path / "r.h5")
     told = run_well("recording", "check", tmp_path / "r.h5", "--model", out)
@@ -182,8 +183,8 @@ def test_driven_joints_keep_their_actuators(tmp_path):
       <body><joint name="b"/><geom size="0.1"/></body></body></worldbody>
       <actuator><motor name="m" joint="a"/></actuator></mujoco>"""
     servo = text.replace("<motor", '<position kp="3"')
-    for given, options in ((servo, ("--kp", 5)), (text, ("--kp", "b=5")),
-                           (text, ("--kp", 5, "--passive", "a"))):  # fmt: skip
+    cases = [(servo, ("--kp", 5)), (text, ("--kp", "b=5"))]
+    for given, options in (*cases, (text, ("--kp", 5, "--passive", "a"))):
         model, said = _prepare(given, tmp_path, *options, name="m.xml")
         assert [model.actuator(a).name for a in range(model.nu)] == ["m", "b"]
         assert ("joint 'a': it keeps its motor" in said) == ("--passive" in options)
@@ -206,8 +207,8 @@ def test_gains_put_servos_as_strong_in_the_places_of_motors(tmp_path):
       <geom size="0.1"/></body></body></worldbody><actuator><motor name="second"
       joint="b"/><motor name="first" joint="a" ctrllimited="false"/></actuator>
       <keyframe><key name="home" ctrl="1 1"/></keyframe></mujoco>"""
-    model, said = _prepare(text, tmp_path, "--kp", 5, "--kp", "b=4", "--kv", 1,
-                           name="m.xml")  # fmt: skip
+    gains = ("--kp", 5, "--kp", "b=4", "--kv", 1)
+    model, said = _prepare(text, tmp_path, *gains, name="m.xml")
     assert [model.actuator(a).name for a in range(model.nu)] == ["second", "first"]
     np.testing.assert_allclose(model.actuator_gainprm[:, 0], [4, 5])
     np.testing.assert_allclose(model.actuator_biasprm[:, 1:3], [[-4, -1], [-5, -1]])
@@ -237,20 +238,23 @@ def test_meshes_are_found_from_where_the_model_goes(tmp_path):
     assert model.nmesh == 1
 
 
+XACRO = ARM.replace("</robot>", "<xacro:arm/></robot>")
+CYLINDER = '<cylinder radius="0.04" length="0.25"/>'
+MISSING = ARM.replace(CYLINDER, '<mesh filename="package://arm/c.stl"/>')
+
+
 @pytest.mark.parametrize(
     ("name", "text", "options", "words"),
     [
         ("a.urdf.xacro", ARM, ["--kp", "1"], "run xacro first: xacro .*> a.urdf"),
-        ("a.urdf", ARM.replace("</robot>", "<xacro:arm/></robot>"), ["--motors"],
-         "run xacro first: xacro .*> a_plain.urdf"),
+        ("a.urdf", XACRO, ["--motors"], "run xacro first: xacro .*> a_plain.urdf"),
         ("a.urdf", ARM, [], "--kp VALUE"),
         ("a.urdf", ARM, ["--kp", "elbow=3"], "'shoulder' has no --kp"),
         ("a.urdf", ARM, ["--kp", "3", "--kp", "knee=3"], "'knee'; valid: elbow, sho"),
         ("a.urdf", ARM, ["--kp", "stiff"], "--kp stiff: would fit: a number"),
-        ("a.urdf", ARM.replace('<cylinder radius="0.04" length="0.25"/>',
-         '<mesh filename="package://arm/c.stl"/>'), ["--kp", "1"], "c.stl"),
+        ("a.urdf", MISSING, ["--kp", "1"], "c.stl"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_prepared_is_refused_and_nothing_written(
     name, text, options, words, tmp_path
 ):
@@ -262,9 +266,9 @@ def test_what_cannot_be_prepared_is_refused_and_nothing_written(
 def test_xacro_is_told_apart_wherever_a_model_is_read(tmp_path, monkeypatch):
     write_file(tmp_path / "a.xacro", ARM)
     write_file(tmp_path / "log.csv", "time,shoulder\n0,0\n")
-    files = [tmp_path / name for name in ("log.csv", "a.xacro", "map.toml")]
-    said = refuse("recording", "import", files[0], "--guess", "--model", files[1],
-                "--out", files[2])  # fmt: skip
+    log, model, out = (tmp_path / name for name in ("log.csv", "a.xacro", "map.toml"))
+    words = (log, "--guess", "--model", model, "--out", out)
+    said = refuse("recording", "import", *words)
     assert "run xacro first" in said
 
 

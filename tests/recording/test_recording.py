@@ -32,10 +32,10 @@ def model(tmp_path):
 
 
 def test_arrays_come_back_from_the_file(model, tmp_path):
+    more = {"motion": "swing", "episode": "first", "robot": "cartpole"}
     recording = selfheal.Recording.from_arrays(
-        TIME, {"push": TIME}, SIGNALS, model=model, qpos0=[0, 1], motion="swing",
-        episode="first", robot="cartpole",
-    )  # fmt: skip
+        TIME, {"push": TIME}, SIGNALS, model=model, qpos0=[0, 1], **more
+    )
     recording.write(tmp_path / "rec.h5")
     found = read(tmp_path / "rec.h5")
     episode = found.episodes["first"]
@@ -61,11 +61,10 @@ def test_a_table_makes_the_recording_that_its_columns_make(make, model):
     if isinstance(make, str):
         make = pytest.importorskip(make).DataFrame
     frame = make({"t": TIME, "u": TIME**2, "x": np.sin(TIME), "wx": TIME, "wy": -TIME})
+    signals = {"joint_position": {"rail": "x"}, "sensor": {"gyro": ["wx", "wy", "x"]}}
     found = selfheal.Recording.from_dataframe(
-        frame, "t", {"push": "u"},
-        {"joint_position": {"rail": "x"}, "sensor": {"gyro": ["wx", "wy", "x"]}},
-        model=model,
-    )  # fmt: skip
+        frame, "t", {"push": "u"}, signals, model=model
+    )
     episode = found.episodes["000"]
     assert (episode.ctrl[:, 0] == TIME**2).all()
     expected = np.stack([TIME, -TIME, np.sin(TIME)], axis=1)
@@ -87,6 +86,11 @@ def test_a_table_makes_the_recording_that_its_columns_make(make, model):
 def test_what_breaks_the_contract_is_refused(time, ctrl, signals, said, model):
     with pytest.raises((InputError, RecordingError), match=said):
         selfheal.Recording.from_arrays(time, ctrl, signals, model=model)
+
+
+def test_a_keyword_that_is_none_is_refused():
+    with pytest.raises(TypeError, match="moton"):
+        selfheal.Recording.from_arrays(TIME, {"push": TIME}, {}, moton="swing")
 
 
 def test_a_column_that_is_not_there_is_named(model):

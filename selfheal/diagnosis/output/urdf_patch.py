@@ -49,7 +49,7 @@ def find_urdf(model: str | os.PathLike[str]) -> str | None:
     """Path of the URDF that a model is, or was prepared from; None: it has none."""
     if is_urdf(model):
         return os.fspath(model)
-    document = MjcfDocument(model)
+    document = MjcfDocument(model, in_place=False)
     for text in (e for s in document.list_sections("custom") for e in s.elements()):
         if text.get("name") == SOURCE:
             path = os.path.join(document.home, text.get_path("data"))

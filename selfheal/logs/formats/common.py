@@ -45,9 +45,6 @@ def explain_damage(path: Path, what: str) -> Iterator[None]:
     The libraries were written for files that are in order: of others they raise
     anything, an AssertionError or a struct.error even.
 
-    Args:
-        what: such a file in words, for the message.
-
     Raises:
         InputError: in place of any other exception; it names the file.
     """
@@ -81,7 +78,7 @@ def read_start(path: Path, size: int = 16) -> bytes:
 
 
 def get_size(path: Path) -> int:
-    """Size of a file [B], at least 1 so that shares of it can be told."""
+    """Size of a file [B], at least 1 so that it can be divided by."""
     return max(1, os.stat(path).st_size)
 
 
@@ -120,7 +117,7 @@ def name_elements(
 
 
 def check_wanted(log: Log, wanted: Mapping[str, Sequence[str]]) -> None:
-    """Refuse names of streams and columns that a log lacks.
+    """Refuse names of streams and columns that a log does not have.
 
     Raises:
         InputError: names the first.

@@ -29,7 +29,9 @@ from .tables import Blocks, Cell, Table, TableLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_SAMPLE = 262_144  # bytes that tell the dialect; chosen: a thousand rows, or nearly
+_SAMPLE = (
+    262_144  # bytes from which the dialect is found; chosen: a thousand rows, or nearly
+)
 _BLOCK = 1_000_000  # bytes that are parsed at once; chosen: a line has fewer
 _GZIP = b"\x1f\x8b"  # at the start of what gzip packed
 # a line that is a comment, with its end; a run of blanks; one at an end of a line

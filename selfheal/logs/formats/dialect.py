@@ -49,9 +49,7 @@ class Dialect:
 
     Attributes:
         delimiter: between the cells of a row; a blank stands for any run of them.
-        encoding: of the text.
         skip: lines before the first row of data; comments are not counted.
-        columns: by name, in their order.
         decimal: the character before the fraction of a number.
         has_comments: whether there are some in the first lines.
     """
@@ -142,9 +140,9 @@ def _make_dialect(
         if len(rows) > 2 and _are_units(rows[1], rows[2], decimal):
             heads = 2
             units = [cell.strip("[]() ") for cell in rows[1]]
-    elif said := _part_lines([comment.lstrip("#% \t")], delimiter):
-        if len(said[0]) == width:  # as numpy.savetxt writes a header
-            names = said[0]
+    else:  # as numpy.savetxt writes a header
+        said = _part_lines([comment.lstrip("#% \t")], delimiter)
+        names = said[0] if said and len(said[0]) == width else names
     units = [unit or _find_unit(name) for unit, name in zip(units, names, strict=True)]
     found = dict[str, TextColumn]()
     cells = list(zip(*rows[heads:], strict=True)) or [()] * width

@@ -91,9 +91,10 @@ def list_datasets(
                 field = _Field(found, name)
                 if is_usable(field):
                     yield f"{path}.{name}", field
-        elif found.dtype.kind != "O" or h5py.check_string_dtype(found.dtype):
-            if is_usable(found):
-                yield path, found
+        elif is_usable(found) and (
+            found.dtype.kind != "O" or h5py.check_string_dtype(found.dtype)
+        ):
+            yield path, found
 
 
 class _Field:
@@ -133,6 +134,6 @@ def _find_unit(array: "h5py.Dataset | _Field") -> str:
 
 def _read_text(attrs: "h5py.AttributeManager", name: str) -> str:
     """An attribute that is a text; "" of another or none."""
-    value = attrs[name] if name in attrs else ""
+    value = attrs.get(name)
     value = value.decode(errors="replace") if isinstance(value, bytes) else value
     return value if isinstance(value, str) else ""

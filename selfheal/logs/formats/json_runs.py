@@ -1,6 +1,7 @@
 """JSON and JSON lines: takes documents of runs, rows or arrays, gives streams."""
 
 import json
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -36,17 +37,15 @@ _MAX_SIZE = 256_000_000  # bytes of a document; chosen: read it takes ten times 
 _MAX_DEPTH = 16  # of objects in objects; chosen
 _MAX_CELLS = 1_000_000  # of rows of which most lack most columns; chosen
 _MAX_LINE = 16_000_000  # bytes of one of JSON lines; chosen
-_SAMPLE, _PIECE = 1_000, 4_096  # JSON lines that tell the columns; that are a piece
+_SAMPLE, _PIECE = 1_000, 4_096  # JSON lines: in which columns are found; of a piece
 _LABELS = ("label", "name", "id", "episode", "run", "motion", "type", "trajectory")
 _ROBOTS = ("robot", "robot_name", "robot_type")
 _TIMES = ("t", "time", "timestamp", "stamp", "time_s")
 _PERIODS = ("dt", "timestep", "time_step", "sample_time", "sampling_time")
 _RATES = (
-    "hz fps sample_rate sampling_rate sampling_frequency sample_frequency "
-    "control_frequency control_freq action_hz control_hz sample_hz sampling_hz rate_hz "
-    "log_hz record_hz frequency_hz loop_hz"
-).split()
-Arrays = Mapping[str, Values]  # (T) or (T, d), by their paths
+    r"hz|fps|sampl(e|ing)_(rate|frequency)|control_freq(uency)?|"
+    r"(action|control|sample|sampling|rate|log|record|frequency|loop)_hz"
+)
 
 
 class JsonFormat(LogFormat):
@@ -91,11 +90,7 @@ def _is_lines(path: Path) -> bool:
 
 
 def find_tables(document: object) -> list[Table]:
-    """The tables of a document: runs, rows or arrays, at its top or in its members.
-
-    Args:
-        document: as `json` makes it.
-    """
+    """The tables of a document: runs, rows or arrays, at its top or in its members."""
     if objects := _take_objects(document):
         return [_make_table(objects, "")]
     if not isinstance(document, dict):
@@ -268,7 +263,7 @@ def find_period(document: object) -> float | None:
         if isinstance(value, int | float) and 0 < value < 1e9:
             if name.lower() in _PERIODS:
                 found.add(float(value))
-            elif name.lower() in _RATES:
+            elif re.fullmatch(_RATES, name.lower()):
                 found.add(1 / value)
     return found.pop() if len(found) == 1 else None
 

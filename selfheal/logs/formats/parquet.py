@@ -17,7 +17,7 @@ from .tables import Blocks, Cell, Table, TableLog
 if TYPE_CHECKING:
     import pyarrow as pa
 
-_SAMPLE = 1_000  # rows that tell how long the vectors are; chosen
+_SAMPLE = 1_000  # rows in which the vectors' length is found; chosen
 _INFO = "meta/info.json"
 _MAX_INFO = 10_000_000  # bytes; chosen: a hundred times those of any data set
 
@@ -101,7 +101,6 @@ def _make_table(
     """The table of files that follow each other.
 
     Args:
-        path: of the file, or of the folder of several.
         names: of the elements of vectors, by the vectors' names.
     """
     reader = f"{__name__}:read_sample"

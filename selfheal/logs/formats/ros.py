@@ -27,7 +27,7 @@ _MAGIC: Mapping[bytes, type[Source]] = {
 }
 _PACKED = (".mcap.zstd", ".db3.zstd")
 # messages of a topic, and bytes of a log, from which the columns are learned; chosen:
-# several publishers of one topic have all spoken by then
+# several publishers of one topic have all sent by then
 _LEARNED, _LEARNED_BYTES = 20, 64_000_000
 # by which zstd may have packed a file; chosen: ten times what it does to joint states
 _MAX_EXPANSION = 100

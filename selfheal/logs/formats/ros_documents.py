@@ -1,6 +1,7 @@
 """Messages that are no ROS messages: takes JSON and protobuf, gives their numbers."""
 
 import json
+import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
@@ -21,7 +22,6 @@ def make_decode(coding: str, kind: str, definition: bytes) -> Callable[[bytes], 
     """What makes objects, as `json` has them, of messages.
 
     Args:
-        coding: of the messages, one of `CODINGS`.
         definition: of the type, a FileDescriptorSet where it is protobuf.
 
     Raises:
@@ -75,20 +75,27 @@ def walk_document(
             inner = f"{path}.{key}" if path else key
             yield from walk_document(member, inner, names, depth + 1)
     elif isinstance(value, list):
-        labels = label_elements(names, len(value))
-        if isinstance(labels, range):
-            labels = labels[:MAX_ELEMENTS]
-        if value and all(type(member) in (int, float) for member in value):
-            numbers = [convert_number(member) for member in value[: len(labels)]]
-            yield Part(path, labels, np.array(numbers))
-            return
-        for label, member in zip(labels, value, strict=False):
-            yield from walk_document(member, f"{path}[{label}]", names, depth + 1)
+        yield from _walk_list(value, path, names, depth)
     elif path and value is not None:
         time = read_time(value) if isinstance(value, str) else value
         number = convert_number(time)
-        if number == number or value in ("NaN", "nan"):
+        if not math.isnan(number) or value in ("NaN", "nan"):
             yield Part(path, None, number, time is not value)
+
+
+def _walk_list(
+    value: list[object], path: str, names: Sequence[str] | None, depth: int
+) -> Iterator[Part]:
+    """The numbers in a list; a vector where it holds nothing else."""
+    labels = label_elements(names, len(value))
+    if isinstance(labels, range):
+        labels = labels[:MAX_ELEMENTS]
+    if value and all(type(member) in (int, float) for member in value):
+        numbers = [convert_number(member) for member in value[: len(labels)]]
+        yield Part(path, labels, np.array(numbers))
+        return
+    for label, member in zip(labels, value, strict=False):
+        yield from walk_document(member, f"{path}[{label}]", names, depth + 1)
 
 
 def _are_names(key: str, member: object) -> bool:

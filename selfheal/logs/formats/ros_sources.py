@@ -32,7 +32,6 @@ class Topic:
     """What a file states of a topic.
 
     Attributes:
-        name: of it.
         kind: name of the type of its messages.
         definition: of the type, empty if the file has none.
         form: of the definition: "msg" or "idl" of ROS, "" of another.
@@ -53,9 +52,7 @@ class Message:
     """A message that is not decoded.
 
     Attributes:
-        topic: its name.
         time: of receipt [ns] since 1970 UTC.
-        content: the message.
         share: of the file that was read, from 0 to 1.
     """
 
@@ -69,8 +66,6 @@ class Source(ABC):
     """A file with messages.
 
     Attributes:
-        path: of the file.
-        topics: all that it has.
         loss: what of the file is damaged and left out, in words; "" if nothing.
     """
 

@@ -38,11 +38,7 @@ def _make_walk(topic: Topic) -> Callable[[bytes], Iterator[Part]]:
 
 
 class Decoder:
-    """What decodes the messages of a topic, whose columns it learns.
-
-    Attributes:
-        learned: how many messages it has seen.
-    """
+    """What decodes the messages of a topic, whose columns it learns."""
 
     def __init__(self, topic: Topic) -> None:
         self.topic, self.learned = topic, 0
@@ -83,11 +79,7 @@ class Decoder:
 
 
 class Piece:
-    """Rows of a topic that are being filled.
-
-    Attributes:
-        count: of rows.
-    """
+    """Rows of a topic that are being filled."""
 
     def __init__(self, decoder: Decoder, columns: Sequence[str]) -> None:
         self.count = 0

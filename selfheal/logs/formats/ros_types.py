@@ -32,9 +32,6 @@ def make_typestore(name: str, text: str, form: str) -> "Typestore":
         text: its definition and those of the types in it; "" if the log has none.
         form: "msg" or "idl".
 
-    Returns:
-        A Typestore of rosbags that knows the type.
-
     Raises:
         UnknownTypeError: it is not defined, or its definition cannot be used.
     """

@@ -162,7 +162,7 @@ class Run:
     """Arrays (T) or (T, d) whose rows belong together.
 
     Attributes:
-        label: that tells this run from others; "" if it has none.
+        label: of this run alone; "" if it has none.
     """
 
     arrays: Mapping[str, Array]

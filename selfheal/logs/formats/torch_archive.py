@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -30,12 +30,12 @@ _TYPES = {
 }
 _TIMES = ("time", "t", "timestamp")
 # operations of pickle that make numbers, texts, containers and calls
-_ALLOWED = (
-    "PROTO FRAME STOP MARK POP POP_MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2 "
-    "LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE EMPTY_DICT DICT EMPTY_LIST LIST "
-    "EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 APPEND APPENDS SETITEM SETITEMS BINGET "
-    "LONG_BINGET BINPUT LONG_BINPUT MEMOIZE GLOBAL STACK_GLOBAL REDUCE BINPERSID"
-).split()
+_ALLOWED = """
+    PROTO FRAME STOP MARK POP POP_MARK NONE NEWTRUE NEWFALSE BININT BININT1 BININT2
+    LONG1 BINFLOAT BINUNICODE SHORT_BINUNICODE EMPTY_DICT DICT EMPTY_LIST LIST
+    EMPTY_TUPLE TUPLE TUPLE1 TUPLE2 TUPLE3 APPEND APPENDS SETITEM SETITEMS BINGET
+    LONG_BINGET BINPUT LONG_BINPUT MEMOIZE GLOBAL STACK_GLOBAL REDUCE BINPERSID
+"""
 _READER = pickle._Unpickler  # the one in Python, whose operations are a table
 
 
@@ -94,9 +94,9 @@ def _read_document(archive: zipfile.ZipFile) -> object:
 class _TensorReader(_READER):
     """Reads a pickle of tensors; refuses all that is not needed for it."""
 
-    dispatch = {
+    dispatch: ClassVar[dict[int, Callable[[pickle.Unpickler], None]]] = {
         getattr(pickle, name)[0]: _READER.dispatch[getattr(pickle, name)[0]]
-        for name in _ALLOWED
+        for name in _ALLOWED.split()
     }
 
     def __init__(

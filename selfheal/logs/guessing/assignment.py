@@ -16,7 +16,7 @@ from .column_names import NameFacts, find_number, read_name, score_kinds, score_
 from .words import read_words
 
 Floats = NDArray[np.float64]
-# what speaks for a place, in nats; chosen: a name outweighs all else
+# evidence for a place [nats]; chosen: a name outweighs all else
 _NAME, _ORDER, _POSITION = 6.0, 1.5, 0.5
 _LEAST_KIND = 0.15  # below, the words of a name say nothing of its kind; chosen
 _VECTOR = re.compile(r"(.+?)[._ /]?([xyzw])$")
@@ -28,14 +28,10 @@ class Column:
     """A column of numbers of a log.
 
     Attributes:
-        stream: that it is in.
-        name: in that stream.
-        facts: what its name says.
         values: (n) those of the sample.
         time: (n) [s].
-        rule: what a preset states of it, or its motion; None where its name has to
-            tell.
-        told: by how much the rule is ahead of what the name says.
+        rule: of a preset, or from its motion; None where its name decides.
+        margin: by how much the rule is ahead of what the name says.
     """
 
     stream: str
@@ -44,7 +40,7 @@ class Column:
     values: Floats
     time: Floats
     rule: ColumnRule | None = None
-    told: float = 0.0
+    margin: float = 0.0
 
 
 def qualify(column: Column, several: bool) -> str:
@@ -57,10 +53,7 @@ class Match:
     """A column and whose it is.
 
     Attributes:
-        column: that was assigned.
-        place: to which.
         sure: probability that it is right.
-        why: in a few words.
     """
 
     column: Column
@@ -93,7 +86,7 @@ def list_columns(
 def group_vectors(columns: Sequence[Column]) -> dict[tuple[str, str], list[Column]]:
     """Columns x, y, z and perhaps w of one thing, by stream and name without them.
 
-    So are the three or four elements of an array that speaks of a body.
+    So are the three or four elements of an array that is named after a body.
     """
     found = dict[tuple[str, str], dict[str, Column]]()
     for column in columns:
@@ -123,7 +116,7 @@ def group_scalars(
 
     Args:
         columns: in the order of the log.
-        places: of the model, whose names do not tell kinds apart.
+        places: of the model, whose names are no evidence of a kind.
 
     Returns:
         Kind, how far ahead of the next kind it is, and the columns; first those whose
@@ -147,7 +140,7 @@ def group_scalars(
     found = []
     for members in groups.values():
         if rule := members[0].rule:
-            found.append((rule.kind, members[0].told, members))
+            found.append((rule.kind, members[0].margin, members))
             continue
         scores = [score_kinds(column.facts) for column in members]
         mean = {kind: float(np.mean([s[kind] for s in scores])) for kind in scores[0]}
@@ -168,7 +161,7 @@ def assign_columns(
 
     Args:
         places: of that kind, in the order of the model.
-        judge: what else than names speaks for a place [nats], and its reason.
+        judge: evidence for a place other than names [nats], and its reason.
 
     Returns:
         A match for each column that has a place.

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,10 +28,8 @@ class TimeGuess:
     """Clocks of the streams of a log.
 
     Attributes:
-        clocks: by stream.
-        taken: "STREAM:COLUMN" of the columns that tell time and episodes.
+        taken: "STREAM:COLUMN" of the columns of times and episodes.
         notes: what was seen of each stream, with how sure.
-        episodes: what parts the log.
     """
 
     clocks: dict[str, Clock] = field(default_factory=dict)
@@ -78,7 +77,7 @@ def _join_runs(time: np.ndarray) -> np.ndarray:
     """Times (n) [s] where a run whose time begins again follows the one before it."""
     runs = [rows for _, rows in split_rows(StreamTime(time))]
     joined = time.copy()
-    for before, rows in zip(runs, runs[1:], strict=False):
+    for before, rows in pairwise(runs):
         shift = np.nanmax(joined[before]) + _PAUSE - time[rows[0]]
         joined[rows] += shift
     return joined
@@ -140,7 +139,7 @@ def _guess_time_unit(stated: str, values: np.ndarray) -> tuple[str, float]:
 
 
 def check_time_unit(clock: Clock, what: str, values: np.ndarray) -> str:
-    """What is odd about the unit of a column of times; "" where nothing is.
+    """What is unusual in the unit of a column of times; "" where nothing is.
 
     Args:
         what: the column, as the beginning of a sentence.

@@ -48,7 +48,7 @@ def split_words(name: str) -> tuple[str, ...]:
 
 
 def score_kinds(facts: NameFacts) -> dict[str, float]:
-    """How much the words of a name speak for each kind; 0 where none does."""
+    """Evidence of a name's words for each kind; 0 where there is none."""
     words = read_words()
     scores = dict.fromkeys(words.kinds, 0.0)
     for kind, known in words.kinds.items():

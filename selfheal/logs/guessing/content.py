@@ -14,7 +14,7 @@ from ..motion import compare_command, compare_speed
 from .assignment import Column
 
 # correlations from which a column is the derivative of another, and follows it; chosen:
-# joints that are moved together have less. Where speeds tell which columns are
+# joints that are moved together have less. Where speeds show which columns are
 # positions, what such a one follows needs the first alone
 _DERIVES, _FOLLOWS = 0.9, 0.95
 _WEAKEST = 1 / 3  # times a command, by which a position follows it at least; chosen
@@ -22,7 +22,7 @@ _MOST = 100  # columns that are compared with one another; chosen: ten thousand 
 
 
 def find_kinds(columns: Sequence[Column], places: Sequence[Place]) -> list[Column]:
-    """Give columns without telling names the kind that their motion tells.
+    """Give columns without known names the kind that follows from their motion.
 
     Args:
         columns: of one log, whose names say nothing.
@@ -44,8 +44,8 @@ def find_kinds(columns: Sequence[Column], places: Sequence[Place]) -> list[Colum
         **dict.fromkeys(positions, "joint_position"),
     }
     rules = {kind: ColumnRule(kind, []) for kind in kinds.values()}
-    told = {id(moving[k]): rules[kind] for k, kind in kinds.items()}
-    return [replace(c, rule=told.get(id(c))) for c in columns]
+    found = {id(moving[k]): rules[kind] for k, kind in kinds.items()}
+    return [replace(c, rule=found.get(id(c))) for c in columns]
 
 
 def _pair_speeds(columns: Sequence[Column]) -> dict[int, int]:
@@ -69,7 +69,7 @@ def _pair_commands(columns: Sequence[Column], known: set[int]) -> dict[int, int]
     """The number of the position by that of its command.
 
     Args:
-        known: numbers of those that are positions; empty where nothing tells.
+        known: numbers of those that are positions; empty where none is known.
     """
     found = dict[int, tuple[float, int]]()
     least = _DERIVES if known else _FOLLOWS

@@ -18,9 +18,13 @@ from .unit_guesses import (
     find_flipped,
     find_limits,
     get_factor,
-    guess_moving_unit,
+    guess_command_unit,
     guess_position_units,
+    guess_speed_unit,
+    is_speed,
 )
+
+_POSITION = "joint_position"
 
 
 class Relations:
@@ -42,7 +46,7 @@ class Relations:
             The line of the position in its column's unit over the command, or over the
             integral of the speed.
         """
-        key = id(column), id(position), place.unit.endswith("/s")
+        key = id(column), id(position), is_speed(place)
         if key not in self._known:
             relate = _relate_speed if key[2] else _relate_command
             self._known[key] = relate(column, position)
@@ -67,15 +71,12 @@ def _relate_speed(column: Column, position: Column) -> Relation:
 def guess_conversions(
     matches: Sequence[Match], relations: Relations
 ) -> list[UnitGuess]:
-    """The unit of each match; those of positions first, for the others hang on them."""
+    """The unit of each match; those of positions first: the others depend on them."""
     found = dict[int, UnitGuess]()
-    positions, ranges = dict[int, int](), dict[int, Ends]()  # by joint
-    for k, match in enumerate(matches):
-        place = match.place
-        if place.kind == "joint_position":
-            positions[place.joint] = k
-            if np.isfinite(place.high - place.low):
-                ranges[place.joint] = place.low, place.high
+    read = {k: m.place for k, m in enumerate(matches) if m.place.kind == _POSITION}
+    positions = {place.joint: k for k, place in read.items()}
+    ends = {place.joint: (place.low, place.high) for place in read.values()}
+    ranges = {j: pair for j, pair in ends.items() if np.isfinite(pair[1] - pair[0])}
     groups = _group_alike(matches, positions, relations)
     for members in groups:
         guessed = guess_position_units([matches[k] for k in members], ranges)
@@ -90,9 +91,9 @@ def guess_conversions(
     }
     for k, relation in scaled.items():
         match, p = matches[k], positions[matches[k].place.joint]
-        if match.place.kind != COMMAND or match.place.unit.endswith("/s"):
+        if match.place.kind != COMMAND or is_speed(match.place):
             continue
-        better = guess_moving_unit(match.column, match.place, relation)
+        better = guess_command_unit(match.column, match.place, relation)
         if better is not None:
             is_alike = by_rule[k] or any({k, p} <= {*members} for members in groups)
             is_sure = found[k].unit == better.unit and found[k].sure > 0.5
@@ -100,13 +101,12 @@ def guess_conversions(
                 found[k] = better
             if relation.slope < 0:
                 found |= _settle_signs(matches, found, p, k)
+    signs = {joint: found[k].sign for joint, k in positions.items()}
     for k, match in enumerate(matches):
-        if match.place.unit.endswith("/s"):
-            speed = guess_moving_unit(match.column, match.place, scaled.get(k))
-            assert speed is not None  # of a speed
-            joint = positions.get(match.place.joint)
-            sign = found[joint].sign if joint is not None else 1
-            found[k] = replace(speed, sign=sign * speed.sign)
+        if is_speed(match.place):
+            speed = guess_speed_unit(match.column, match.place, scaled.get(k))
+            sign = signs.get(match.place.joint, 1) * speed.sign
+            found[k] = replace(speed, sign=sign)
         elif k not in found:
             found[k] = _take_stated_unit(match)
     return [found[k] for k in range(len(matches))]
@@ -147,11 +147,7 @@ def _settle_signs(
     position: int,
     command: int,
 ) -> dict[int, UnitGuess]:
-    """Units of a position and a command that move against each other.
-
-    Args:
-        found: units by number of the match.
-    """
+    """Units of a position and a command that move against each other."""
     pair = position, command
     first, second = ((matches[k], found[k]) for k in pair)
     flipped = find_flipped(first, second)

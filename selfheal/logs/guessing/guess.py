@@ -4,6 +4,7 @@ import itertools
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,19 +35,19 @@ from .clocks import TimeGuess, guess_times
 from .content import find_kinds
 from .conversions import Relations, guess_conversions
 from .presets import apply_preset
-from .unit_guesses import GuessedLine
+from .unit_guesses import GuessedLine, GuessedTarget
 from .vectors import match_vectors
 
 if TYPE_CHECKING:
     import mujoco
 
-# nats that a perfect correlation, and being within limits, speak for a place; chosen
+# evidence of a perfect correlation, and of being within limits [nats]; chosen
 _FOLLOWS, _INSIDE = 2.0, 1.0
 _MOTION = ("joint_position", "joint_velocity", COMMAND)
 _SCALARS = (*_MOTION, "joint_torque", "supply_voltage", "temperature")
 _AS_COMMANDS = (
-    "the log has no commands; the measured efforts are taken for what the motors were "
-    "told: look whether they are torques, or currents"
+    "the log has no commands; the measured efforts are taken for the motors' commands: "
+    "look whether they are torques, or currents"
 )
 
 
@@ -55,13 +56,9 @@ class Guess:
     """A proposed map.
 
     Attributes:
-        time: clocks and episodes.
-        streams: of the log.
-        lines: what is taken.
         unused: columns that nothing was found for.
         missing: actuators that no command was found for.
         unread: joints that no position was found for.
-        remarks: what a user should look at, in sentences.
     """
 
     time: TimeGuess
@@ -163,7 +160,7 @@ def _match_scalars(
     groups = group_scalars(columns, places)
     found = list[Match]()
     for kind in _SCALARS:
-        positions = _list_positions(found)
+        judge = partial(_judge_motion, _list_positions(found), relations)
         left = list(by_kind.get(kind, ()))
         for group_kind, ahead, members in groups:
             if group_kind != kind:
@@ -171,7 +168,7 @@ def _match_scalars(
             got = (
                 _assign_positions(members, left)
                 if kind == "joint_position"
-                else assign_columns(members, left, _Judge(positions, relations))
+                else assign_columns(members, left, judge)
             )
             settled = min(1.0, 0.6 + ahead / 2)
             found += [Match(m.column, m.place, settled * m.sure, m.why) for m in got]
@@ -197,7 +194,7 @@ def _take_torques_as_commands(
     motors = {p.name: p for p in by_kind.get(COMMAND, ())}
     torques = {m.place.name for m in matches if m.place.kind == "joint_torque"}
     given = any(m.place.kind == COMMAND for m in matches)
-    # servos are told no torques
+    # servos are not commanded by torques
     if given or not motors or any(place.unit for place in motors.values()):
         return matches, False
     if torques != set(motors):
@@ -209,32 +206,21 @@ def _take_torques_as_commands(
                 motors[match.place.name],
                 f"{match.why}; the log has no commands",
             )
-            match = replace(match, place=place, sure=0.5 * match.sure, why=why)
-        found.append(match)
+            found.append(Match(match.column, place, 0.5 * match.sure, why))
+        else:
+            found.append(match)
     return found, True
 
 
-@dataclass(frozen=True)
-class _Judge:
-    """What values speak for a place.
-
-    Attributes:
-        positions: columns of positions that were found, by their joints.
-        relations: of the columns.
-    """
-
-    positions: Mapping[int, Column]
-    relations: Relations
-
-    def __call__(self, column: Column, place: Place) -> tuple[float, str]:
-        """Nats for a place, and the reason."""
-        position = self.positions.get(place.joint)
-        if position is None or place.kind not in ("joint_velocity", COMMAND):
-            return 0.0, ""
-        relation = self.relations.find(column, position, place)
-        found = abs(relation.correlation)
-        word = "its motion" if found > 0.8 else ""
-        return _FOLLOWS * found**2, word
+def _judge_motion(
+    positions: Mapping[int, Column], relations: Relations, column: Column, place: Place
+) -> tuple[float, str]:
+    """Evidence of motion for a place [nats], and the reason."""
+    position = positions.get(place.joint)
+    if position is None or place.kind not in ("joint_velocity", COMMAND):
+        return 0.0, ""
+    found = abs(relations.find(column, position, place).correlation)
+    return _FOLLOWS * found**2, "its motion" if found > 0.8 else ""
 
 
 def _assign_positions(
@@ -267,17 +253,16 @@ def _make_scalar_lines(
     groups = dict[tuple[str, str], list[int]]()
     for k, match in enumerate(matches):
         groups.setdefault((match.place.kind, match.column.stream), []).append(k)
-    return [
-        GuessedLine(
-            kind,
-            [qualify(matches[k].column, several) for k in members],
-            [matches[k].place.name for k in members],
-            [units[k] for k in members],
-            [matches[k].sure * units[k].sure for k in members],
-            ["; ".join(filter(None, (matches[k].why, units[k].why))) for k in members],
-        )
-        for (kind, _), members in groups.items()
-    ]
+    lines = list[GuessedLine]()
+    for (kind, _), members in groups.items():
+        targets = list[GuessedTarget]()
+        for k in members:
+            match, unit = matches[k], units[k]
+            names, why = [qualify(match.column, several)], f"{match.why}; {unit.why}"
+            sure = match.sure * unit.sure
+            targets.append(GuessedTarget(names, match.place.name, unit, sure, why))
+        lines.append(GuessedLine(kind, targets))
+    return lines
 
 
 def _list_remarks(
@@ -320,7 +305,9 @@ def _list_remarks(
         yield f"no number is in {join_names(empty)}"
     if found.unread:
         yield f"no position was found for {join_names(found.unread)}"
-    kinds = Counter(line.kind for line in found.lines for s in line.sure if s < 0.7)
+    kinds = Counter(
+        line.kind for line in found.lines for t in line.targets if t.sure < 0.7
+    )
     for kind, n in kinds.items():
         columns = f"{n} column{'s' * (n > 1)} of {kind}"
         yield f"{columns} less than 70 % sure: see LOOK above"

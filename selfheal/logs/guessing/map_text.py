@@ -1,6 +1,5 @@
 """A proposed map as TOML: a guess in; text with its reasons as comments out."""
 
-import os
 import re
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -11,9 +10,9 @@ from ..base import Stream
 from ..log_map import COMMAND, Clock, ColumnRule
 from ..map_rules import WIDTH, format_list, format_rule, quote
 from .guess import Guess
-from .unit_guesses import GuessedLine
+from .unit_guesses import Ends, GuessedLine, GuessedTarget
 
-_MANY = 4  # columns that differ in brackets, which are told as one; chosen
+_MANY = 4  # columns that differ in brackets, which are shown as one; chosen
 _SURE = 0.7  # below, a comment asks to look; chosen
 
 
@@ -98,29 +97,24 @@ def _format_clock(clock: Clock, sure: float) -> Iterator[str]:
 
 def _split_by_unit(line: GuessedLine) -> Iterator[GuessedLine]:
     """Parts of a line whose columns have one unit, or are shares alike."""
-    width = len(line.columns) // len(line.targets)
-    keys = [(unit.unit, unit.ranges and unit.ranges[0]) for unit in line.units]
-    for key in dict.fromkeys(keys):
-        members = [k for k, other in enumerate(keys) if other == key]
-        columns = [line.columns[k * width : (k + 1) * width] for k in members]
-        yield replace(
-            line,
-            columns=[name for part in columns for name in part],
-            targets=[line.targets[k] for k in members],
-            units=[line.units[k] for k in members],
-            sure=[line.sure[k] for k in members],
-            why=[line.why[k] for k in members],
-        )
+    groups = dict[tuple[str, Ends | None], list[GuessedTarget]]()
+    for target in line.targets:
+        unit = target.unit
+        key = unit.unit, unit.ranges[0] if unit.ranges else None
+        groups.setdefault(key, []).append(target)
+    for members in groups.values():
+        yield replace(line, targets=members)
 
 
 def _format_line(line: GuessedLine, streams: Sequence[Stream]) -> list[str]:
     """One [[signals]] table, its reasons below."""
-    pattern, stars = _find_pattern(line.columns, line.targets, streams)
-    unit, signs = line.units[0], [unit.sign for unit in line.units]
+    targets = [target.target for target in line.targets]
+    pattern, stars = _find_pattern(line.columns, targets, streams)
+    unit, signs = line.targets[0].unit, [target.unit.sign for target in line.targets]
     rule = ColumnRule(
         line.kind,
         pattern or line.columns,
-        line.targets if stars != line.targets else [],
+        targets if stars != targets else [],
         unit.unit,
         signs[0] if len(set(signs)) == 1 else signs,
         from_range=unit.ranges[0] if unit.ranges else None,
@@ -148,8 +142,8 @@ def _find_pattern(
     found: tuple[str, list[str]] = "", []
     if len(columns) < 3:
         return found
-    start = os.path.commonprefix(list(columns))
-    end = os.path.commonprefix([name[::-1] for name in columns])[::-1]
+    start = _find_common_start(columns)
+    end = _find_common_start([name[::-1] for name in columns])[::-1]
     bare = (re.sub(r"[A-Za-z0-9]*$", "", start), re.sub(r"^.*[A-Za-z0-9]", "", end))
     several = len(streams) > 1
     every = [f"{s.name}:{c}" if several else c for s in streams for c in s.columns]
@@ -163,16 +157,23 @@ def _find_pattern(
     return found
 
 
+def _find_common_start(texts: Sequence[str]) -> str:
+    """What all texts begin with; their least and greatest have least in common."""
+    ends = min(texts), max(texts)
+    pairs = enumerate(zip(*ends, strict=False))
+    return ends[0][: next((k for k, (a, b) in pairs if a != b), len(ends[0]))]
+
+
 def _explain(line: GuessedLine) -> list[str]:
     """Comments: how sure each target is and why; one where the reasons are alike."""
-    groups = dict[tuple[str, bool], list[int]]()
-    for k, (sure, why) in enumerate(zip(line.sure, line.why, strict=True)):
-        groups.setdefault((why, sure < _SURE), []).append(k)
+    groups = dict[tuple[str, bool], list[GuessedTarget]]()
+    for target in line.targets:
+        groups.setdefault((target.why, target.sure < _SURE), []).append(target)
     said = list[str]()
     for (why, is_doubtful), members in groups.items():
-        names = ", ".join(line.targets[k] for k in members)
+        names = ", ".join(member.target for member in members)
         mark = " LOOK:" * is_doubtful + f" {names}:" * (len(groups) > 1)
-        least = _format_sure(min(line.sure[k] for k in members))
+        least = _format_sure(min(member.sure for member in members))
         said += _comment(f"{least} sure:{mark} {why}")
     return said
 

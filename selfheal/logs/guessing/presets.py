@@ -10,7 +10,7 @@ from ..log_map import ColumnRule, LogMap, read_map
 from .assignment import Column
 
 _FOLDER = Path(__file__).parent / "presets"
-_TOLD = 5.0  # by which a preset is ahead of a name; chosen: more than any name is
+_MARGIN = 5.0  # by which a preset is ahead of a name; chosen: more than any name is
 
 
 def list_presets() -> list[str]:
@@ -31,7 +31,7 @@ def read_preset(name: str) -> LogMap:
 
 def apply_preset(columns: Sequence[Column], preset: LogMap) -> list[Column]:
     """Columns with what a preset states of them: the first rule that fits each."""
-    return [replace(c, rule=_find_rule(c, preset), told=_TOLD) for c in columns]
+    return [replace(c, rule=_find_rule(c, preset), margin=_MARGIN) for c in columns]
 
 
 def _find_rule(column: Column, preset: LogMap) -> ColumnRule | None:

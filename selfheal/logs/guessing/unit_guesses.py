@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from statistics import mean
+from statistics import fmean
 
 import numpy as np
 
@@ -30,7 +30,7 @@ _CLOSE = math.log(1.6)  # of a slope to that of a unit; chosen: units are furthe
 # ratio of a reading to its command from which they have two units; chosen: a weak drive
 # follows by less than a third, units are further apart
 OTHER_UNIT = 5.0
-STRONG = 0.8  # correlation from which a slope tells the unit; chosen
+STRONG = 0.8  # correlation from which a slope gives the unit; chosen
 
 
 @dataclass(frozen=True)
@@ -39,10 +39,8 @@ class UnitGuess:
 
     Attributes:
         unit: of it; "" where ranges say it.
-        sign: 1 or -1.
         ranges: of the column and of the joint, where it is a share of that.
         sure: probability that it is right.
-        why: in a few words.
     """
 
     unit: str
@@ -60,28 +58,41 @@ class UnitGuess:
 
 
 @dataclass(frozen=True)
+class GuessedTarget:
+    """Columns that a proposed map takes for one thing in the model.
+
+    Attributes:
+        columns: one, or each of a vector, with the stream's name where the log has
+            several.
+        sure: probability that they are right.
+    """
+
+    columns: Sequence[str]
+    target: str
+    unit: UnitGuess
+    sure: float
+    why: str
+
+
+@dataclass(frozen=True)
 class GuessedLine:
-    """Columns that a proposed map takes.
+    """A rule of a proposed map.
 
     Attributes:
         kind: of the contract or "command".
-        columns: with their streams' names where the log holds several.
-        targets: in the model, one or one each vector.
-        units: how each target's columns are converted.
-        sure: probability that each target's columns are right.
-        why: reason of each.
-        order: of a quaternion.
+        order: of quaternions.
         missing: what stands for no reading, where rows of it were seen.
     """
 
     kind: str
-    columns: list[str]
-    targets: list[str]
-    units: list[UnitGuess]
-    sure: list[float]
-    why: list[str]
+    targets: Sequence[GuessedTarget]
     order: str = "wxyz"
     missing: float | None = None
+
+    @property
+    def columns(self) -> list[str]:
+        """Those of all targets."""
+        return [name for target in self.targets for name in target.columns]
 
 
 def guess_position_units(
@@ -89,7 +100,7 @@ def guess_position_units(
 ) -> list[UnitGuess]:
     """The unit of columns of positions, and of commands of position servos.
 
-    Columns of a group have one unit unless the limits of their joints speak against
+    Columns of a group have one unit unless the limits of their joints contradict
     it: the gripper of an arm in degrees may be in percent. A command and its reading
     have one unit.
 
@@ -141,7 +152,7 @@ def _guess_common_unit(
     if not any(limits):
         return _guess_by_size(matches, si)
     inside = {
-        name: mean(
+        name: fmean(
             measure_share_inside(m.column.values * get_factor(name), *ends)
             for m, ends in zip(matches, limits, strict=True)
             if ends
@@ -176,9 +187,6 @@ def _guess_normalized(matches: Sequence[Match], in_degrees: float) -> UnitGuess 
 
     Args:
         in_degrees: share of values that are within limits in degrees.
-
-    Returns:
-        None where they are not.
     """
     arm = [m.column for m in matches if not _is_gripper(m.column)]
     values = [c.values[np.isfinite(c.values)] for c in arm]
@@ -224,14 +232,13 @@ def _guess_share(
     """How the columns of a joint are shares of its range, where they are.
 
     Args:
-        columns: its command, its reading, or both.
         common: unit of the columns of all joints.
     """
     values = np.concatenate([c.values[np.isfinite(c.values)] for c in columns])
     if limits is None or not values.size:
         return None
     least, most = float(values.min()), float(values.max())
-    within = -105 <= least and most <= 105
+    within = least >= -105 and most <= 105
     is_gripper = any(map(_is_gripper, columns)) and least > -5
     if common.unit == SHARE:
         low = 0.0 if is_gripper else -_FULL
@@ -249,61 +256,76 @@ def _guess_share(
     return UnitGuess("", 1, ((low, _FULL), limits), 0.7, why)
 
 
-def guess_moving_unit(
+def is_speed(place: Place) -> bool:
+    """Whether a place has speeds, measured or commanded."""
+    return place.unit.endswith("/s")
+
+
+def guess_speed_unit(
     column: Column, place: Place, relation: Relation | None
-) -> UnitGuess | None:
-    """The unit of a column of speeds, with its sign, or of a position servo's commands.
+) -> UnitGuess:
+    """The unit of a column of speeds, and its sign.
 
     Args:
-        column: of speeds, or of commands.
-        relation: of the position in SI units over the integral of the speed, or over
-            the command; None where there is no position.
-
-    Returns:
-        None of a command which no position follows.
+        relation: of the position in SI units over the integral of the speed; None where
+            there is no position.
     """
-    is_speed = place.unit.endswith("/s")
-    names = _CANDIDATES.get(place.unit, (place.unit,) if is_speed else ())
-    stated = find_stated(column, place.unit)
-    if not names or relation is None or abs(relation.correlation) < STRONG:
-        if not is_speed:
-            return None
+    stated, names = find_stated(column, place.unit), _list_candidates(column, place)
+    if relation is None or abs(relation.correlation) < STRONG:
         if stated:
             return UnitGuess(stated, sure=0.95, why="the log states it")
         return UnitGuess(names[0], sure=0.6, why="no position that moves to compare")
-    slope = abs(relation.slope)
-    distance = {
-        name: abs(math.log(slope / get_factor(name)))
-        for name in ((stated,) if stated else names)
-    }
-    best = min(distance, key=lambda name: distance[name])
-    is_close, sign = distance[best] < _CLOSE, 1 if relation.slope > 0 else -1
-    if is_speed and is_close:
+    best, distance = _find_nearest(names, relation)
+    sign = 1 if relation.slope > 0 else -1
+    if distance < _CLOSE:
         return UnitGuess(best, sign, None, 0.97, "the position is its integral")
-    if is_speed:
-        why = f"the position changes by {relation.slope:.3g} of its integral"
-        return UnitGuess(best, sign, None, 0.4, why)
-    if distance[best] > 2 * _CLOSE:
+    why = f"the position changes by {relation.slope:.3g} of its integral"
+    return UnitGuess(best, sign, None, 0.4, why)
+
+
+def guess_command_unit(
+    column: Column, place: Place, relation: Relation
+) -> UnitGuess | None:
+    """The unit of a position servo's commands; None where no position follows.
+
+    Args:
+        relation: of the position in SI units over the command.
+    """
+    names = _list_candidates(column, place)
+    if place.unit not in _CANDIDATES or abs(relation.correlation) < STRONG:
+        return None
+    best, distance = _find_nearest(names, relation)
+    if distance > 2 * _CLOSE:
         return None
     why = "the position follows it"
-    if distance[best] > _CLOSE:
+    if distance > _CLOSE:
         why += f" by {relation.slope:.3g} {place.unit} for each 1 of it"
     return UnitGuess(best, 1, None, 0.95, why)
+
+
+def _list_candidates(column: Column, place: Place) -> Sequence[str]:
+    """Units that a column may have: the stated one alone where one is."""
+    stated = find_stated(column, place.unit)
+    return (stated,) if stated else _CANDIDATES.get(place.unit, (place.unit,))
+
+
+def _find_nearest(names: Sequence[str], relation: Relation) -> tuple[str, float]:
+    """The unit whose factor is next to a slope, and the logarithm of their ratio."""
+    slope = abs(relation.slope)
+    distance = {name: abs(math.log(slope / get_factor(name))) for name in names}
+    best = min(distance, key=lambda name: distance[name])
+    return best, distance[best]
 
 
 def find_flipped(
     position: tuple[Match, UnitGuess], command: tuple[Match, UnitGuess]
 ) -> str:
-    """Which of two columns that move against each other counts the other way.
+    """Which of two columns that move against each other has the other sign.
 
-    The limits of the joint and of the command tell, where they are not symmetric.
-
-    Args:
-        position: of a joint, and its unit.
-        command: of the joint's position servo, and its unit.
+    It follows from the limits of joint and command, where these are not symmetric.
 
     Returns:
-        "position", "command", or "" where limits do not tell.
+        "position", "command", or "" where the limits leave it open.
     """
     gain = dict[str, float]()
     for name, (match, unit) in (("position", position), ("command", command)):

@@ -7,7 +7,7 @@ import numpy as np
 from ..model_facts import Place
 from .assignment import ELEMENT, Column, qualify
 from .column_names import score_names
-from .unit_guesses import GuessedLine, UnitGuess
+from .unit_guesses import GuessedLine, GuessedTarget, UnitGuess
 from .words import read_words
 
 
@@ -57,9 +57,8 @@ def match_vectors(
             why_order = "an array of three"
         guess = UnitGuess("", sure=0.9, why=why_order)
         why = f"{why}; {why_order}" if is_array else why
-        found.append(
-            GuessedLine(place.kind, names, [place.name], [guess], [0.8], [why], order)
-        )
+        target = GuessedTarget(names, place.name, guess, 0.8, why)
+        found.append(GuessedLine(place.kind, [target], order))
     return found, notes
 
 
@@ -72,7 +71,7 @@ def _guess_order(values: np.ndarray) -> str:
 def _find_thing(
     tokens: Sequence[str], width: int, known: str
 ) -> tuple[str, str] | None:
-    """Unit and kind of what a name speaks of.
+    """Unit and kind of what a name says.
 
     Args:
         known: kind that a preset states; "" of none.

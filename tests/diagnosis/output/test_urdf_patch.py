@@ -109,7 +109,9 @@ def test_an_mjcf_gets_no_urdf(tmp_path):
 def test_a_model_that_was_prepared_of_a_urdf_gives_that_back(given):
     out = given.parent / "models" / "arm.xml"
     out.parent.mkdir()
-    write_model(prepare_model(given, out.parent, Gains({"": 20.0}, {})), out)
+    plain = {"weld_base": False, "without_contacts": False}
+    made = prepare_model(given, out.parent, Gains({"": 20.0}, {}), **plain)
+    write_model(made, out)
     servo = {"kp": "22", "forcerange": "-25 25"}
     friction = Set("joint", "shoulder", {"frictionloss": "0.14"})
     folder = save_diagnosis(out, [friction, Set("actuator", "shoulder", servo)])

@@ -12,9 +12,9 @@ from tests.support.logs.reading import (
     check_rows,
     needs_field,
     read_all,
-    read_damaged,
     read_one,
 )
+from tests.support.logs.table_files import write_json
 
 Q = [0.0, 0.5, 1.5, 2.0]
 ROWS = [{"t": k / 10, "q": q, "leg": {"v": [q, -q]}} for k, q in enumerate(Q)]
@@ -22,13 +22,7 @@ ROWS = [{"t": k / 10, "q": q, "leg": {"v": [q, -q]}} for k, q in enumerate(Q)]
 
 @pytest.fixture
 def write(tmp_path):
-    def write(document, name="log.json"):
-        path = tmp_path / name
-        text = document if isinstance(document, str) else json.dumps(document)
-        path.write_text(text)
-        return path
-
-    return write
+    return lambda document, name="log.json": write_json(tmp_path / name, document)
 
 
 def test_runs_are_episodes_by_their_labels(write):
@@ -50,13 +44,12 @@ def test_runs_are_episodes_by_their_labels(write):
 
 
 def test_entries_of_bam_are_rows_in_seconds(write):
+    usual = {"speed": 0, "torque_enable": True, "input_volts": 7.3}
     entries = [
-        {"position": q, "speed": 0, "goal_position": q, "torque_enable": True,
-         "input_volts": 7.3, "timestamp": k * 0.02}
+        {"position": q, "goal_position": q, "timestamp": k * 0.02, **usual}
         for k, q in enumerate(Q)
-    ]  # fmt: skip
-    document = {"mass": 0.49, "kp": 100, "motor": "xl330", "entries": entries}
-    log = open_log(write(document))
+    ]
+    log = open_log(write({"mass": 0.49, "motor": "xl330", "entries": entries}))
     assert log.streams[0].time == "timestamp"
     assert log.streams[0].columns["timestamp"] == "s"
     found = read_all(log)[""]
@@ -121,31 +114,26 @@ def test_the_last_of_json_lines_may_be_cut_off(write):
     assert log.losses == ["the last line is cut off"]
 
 
+DEEP = ["[" * 100_000, '{"a":' * 100_000]
+MANY = json.dumps([{str(k): 1} for k in range(3000)])
+LONG = '{"a": [' + "1" * 5000 + "]}"
+
+
 @pytest.mark.parametrize(
     "text",
-    ["{", "[]", json.dumps([{str(k): 1} for k in range(3000)]), "{}", "[1, 2",
-     '{"a": 1}', "[" * 100_000, '{"a":' * 100_000, '{"a": 1}\n[1]\n',
-     '{"a": [' + "1" * 5000 + "]}"],
-)  # fmt: skip
+    ["{", "[]", "{}", "[1, 2", '{"a": 1}', '{"a": 1}\n[1]\n', *DEEP, MANY, LONG],
+)
 def test_what_is_no_log_is_refused(write, text):
     with pytest.raises(InputError):
         read_all(open_log(write(text)))
 
 
-@pytest.mark.parametrize("name", ["log.json", "log.jsonl"])
-def test_damaged_json_is_read_or_refused(write, name):
-    text = json.dumps({"hz": 50, "runs": [{"a": Q, "b": Q * 2}, {"a": Q, "b": Q}]})
-    if name == "log.jsonl":
-        text = "".join(json.dumps(row) + "\n" for row in ROWS)
-    assert read_damaged(write(text, name))
+RUNS = {"dataset": 100, "response": 96, "real-action-state-dataset": 32}
+RUNS |= {f"drop-response-{k}": 1 for k in range(1, 5)}
 
 
 @needs_field
-@pytest.mark.parametrize(
-    ("name", "runs"),
-    [("dataset", 100), ("response", 96), ("real-action-state-dataset", 32),
-     *((f"drop-response-{k}", 1) for k in range(1, 5))],
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "runs"), RUNS.items())
 def test_public_servo_runs_are_read(name, runs):
     log = open_log(FIELD / "servo_50hz" / f"{name}.json")
     check_rows(log)

@@ -12,14 +12,13 @@ from google.protobuf import (
     timestamp_pb2,
 )
 from mcap.reader import make_reader
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType
 
 from selfheal.errors import InputError
 from selfheal.logs.open_log import open_log
+from tests.support.logs.bags import START, STEP, write_mcap
 from tests.support.logs.reading import read_all, read_damaged
 
-START = 1_700_000_000_000_000_000  # [ns]
-STEP = 10_000_000  # [ns]
 LATE = 5_000_000  # [ns] from the stamp of a message to its receipt
 
 
@@ -31,20 +30,16 @@ def _encode_json(k, stamp):
     return json.dumps({"header": head, **named, **more}).encode()
 
 
-def _write(path, coding="json", encode=_encode_json, definition=b"{}", kind="Joints",
-           count=10, **settings):  # fmt: skip
-    """An MCAP of messages of one topic, one every 10 ms."""
-    with path.open("wb") as file:
-        writer = Writer(file, chunk_size=500, **settings)
-        writer.start()
-        form = {"json": "jsonschema"}.get(coding, coding)
-        schema = writer.register_schema(kind, form, definition)
-        channel = writer.register_channel("/joints", coding, schema)
-        for k in range(count):
-            time = START + k * STEP
-            writer.add_message(channel, time, encode(k, time - LATE), time)
-        writer.finish()
-    return path
+def _write(
+    path, coding="json", encode=_encode_json, schema=("Joints", b"{}"), count=10, **more
+):
+    """An MCAP of messages of one topic; name and definition of their type."""
+    name, definition = schema
+    form = {"json": "jsonschema"}.get(coding, coding)
+    times = [START + k * STEP - LATE for k in range(count)]
+    messages = [(0, encode(k, time)) for k, time in enumerate(times)]
+    channels = [("/joints", coding)]
+    return write_mcap(path, channels, (name, form, definition), messages, **more)
 
 
 def _check_stamps(log, name):
@@ -86,17 +81,15 @@ def _define_joints():
     """A protobuf type with a time, names and numbers: its class, and its definition."""
     kinds = descriptor_pb2.FieldDescriptorProto
     many = {"label": kinds.LABEL_REPEATED}
-    file = descriptor_pb2.FileDescriptorProto(
-        name="joints.proto", package="robot", syntax="proto3",
-        dependency=["google/protobuf/timestamp.proto"],
-    )  # fmt: skip
+    about = {"name": "joints.proto", "package": "robot", "syntax": "proto3"}
+    used = ["google/protobuf/timestamp.proto"]
+    file = descriptor_pb2.FileDescriptorProto(**about, dependency=used)
     made = file.message_type.add(name="Joints")
-    for number, (name, kind, more) in enumerate([
-        ("timestamp", kinds.TYPE_MESSAGE, {"type_name": ".google.protobuf.Timestamp"}),
-        ("names", kinds.TYPE_STRING, many), ("q", kinds.TYPE_DOUBLE, many),
-        ("ticks", kinds.TYPE_INT64, {}),
-    ]):  # fmt: skip
-        made.field.add(name=name, number=number + 1, type=kind, **more)
+    stamp = {"type_name": ".google.protobuf.Timestamp"}
+    made.field.add(name="timestamp", number=1, type=kinds.TYPE_MESSAGE, **stamp)
+    made.field.add(name="names", number=2, type=kinds.TYPE_STRING, **many)
+    made.field.add(name="q", number=3, type=kinds.TYPE_DOUBLE, **many)
+    made.field.add(name="ticks", number=4, type=kinds.TYPE_INT64)
     stamps = descriptor_pb2.FileDescriptorProto()
     timestamp_pb2.DESCRIPTOR.CopyToProto(stamps)
     pool = descriptor_pool.DescriptorPool()
@@ -117,7 +110,7 @@ def test_messages_of_protobuf_are_columns_by_their_paths(tmp_path):
         return message.SerializeToString()
 
     path = tmp_path / "log.mcap"
-    log = open_log(_write(path, "protobuf", encode, definition, "robot.Joints"))
+    log = open_log(_write(path, "protobuf", encode, ("robot.Joints", definition)))
     _check_stamps(log, "timestamp")
     found, k = read_all(log)["/joints"], np.arange(10)
     assert list(found) == ["bag time", "timestamp", "q[hip]", "q[knee]", "ticks"]
@@ -129,13 +122,13 @@ def test_messages_of_protobuf_are_columns_by_their_paths(tmp_path):
 @pytest.mark.parametrize("coding", ["protobuf", "flatbuffer", "cbor"])
 def test_of_a_coding_that_is_not_known_only_the_time_is_read(tmp_path, coding):
     path = tmp_path / "log.mcap"
-    _write(path, coding, lambda k, _: bytes([k]), b"no definition")
+    _write(path, coding, lambda k, _: bytes([k]), ("Joints", b"no definition"))
     assert list(read_all(open_log(path))["/joints"]) == ["bag time"]
 
 
-@pytest.mark.parametrize("settings", [
-    {"compression": CompressionType.ZSTD}, {"use_chunking": False},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings", [{"compression": CompressionType.ZSTD}, {"use_chunking": False}]
+)
 def test_of_a_file_that_is_cut_off_all_that_is_whole_is_read(tmp_path, settings):
     path = _write(tmp_path / "log.mcap", count=30, **settings)
     content, rows, lost = path.read_bytes(), [], []

@@ -4,18 +4,15 @@ import numpy as np
 import pytest
 import zstandard
 from mcap.writer import CompressionType, IndexType
-from mcap.writer import Writer as McapWriter
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from selfheal.errors import InputError
 from selfheal.logs.open_log import open_log
+from tests.support.logs.bags import START, STEP, write_bag, write_mcap
 from tests.support.logs.reading import check_rows, read_all, read_damaged
 
-START = 1_700_000_000_000_000_000  # [ns]
-STEP = 10_000_000  # [ns]
 CUSTOM = "std_msgs/Header header\nfloat32 effort\nuint8[] blob\nMotor[2] motors\n"
 CUSTOM += "bool class_ok\nstring note\n" + "=" * 80 + "\nMSG: my_msgs/Motor\n"
 CUSTOM += "float64 q\nint16[3] raw\n"
@@ -37,32 +34,17 @@ def _header(store, time):
     return store.types["std_msgs/msg/Header"](_stamp(store, time), "base")
 
 
-def _make_joints(store, k, names=("hip", "knee"), stamp=True):
-    """A joint state whose values tell joint and message."""
+def _make_joints(store, k, names=("hip", "knee"), stamp=None):
+    """A joint state whose values tell joint and message; when it was measured."""
     value = {"hip": 100.0, "knee": 200.0, "gripper": 300.0}
     q = np.array([value[name] + k for name in names])
-    header = _header(store, START + k * STEP - 5_000_000 if stamp else 0)
-    return store.types[JOINTS](header, list(names), q, -q, np.array([]))
-
-
-def _write(path, store, messages, plugin=StoragePlugin.MCAP, **settings):
-    """A ROS 2 bag of (topic, type, message), one every 10 ms."""
-    writer = Writer2(path, version=9, storage_plugin=plugin)
-    if settings:
-        writer.set_compression(**settings)
-    with writer:
-        connections = {}
-        for k, (topic, kind, message) in enumerate(messages):
-            if topic not in connections:
-                made = writer.add_connection(topic, kind, typestore=store)
-                connections[topic] = made
-            raw = store.serialize_cdr(message, kind)
-            writer.write(connections[topic], START + k * STEP, raw)
-    return path
+    stamp = START + k * STEP - 5_000_000 if stamp is None else stamp
+    none = np.array([])
+    return store.types[JOINTS](_header(store, stamp), list(names), q, -q, none)
 
 
 def _list_joints(store, count=30):
-    return [("/joints", JOINTS, _make_joints(store, k)) for k in range(count)]
+    return [("/joints", _make_joints(store, k)) for k in range(count)]
 
 
 def _check_joints(found, count=30):
@@ -84,7 +66,7 @@ def test_joint_states_are_columns_by_the_names_of_joints(
     tmp_path, store, plugin, mode, lone
 ):
     packed = {"fmt": CompressionFormat.ZSTD, "mode": mode} if mode else {}
-    path = _write(tmp_path / "bag", store, _list_joints(store), plugin, **packed)
+    path = write_bag(tmp_path / "bag", store, _list_joints(store), plugin, **packed)
     if lone:
         (path,) = (file for file in path.iterdir() if file.suffix != ".yaml")
     log = open_log(path)
@@ -98,10 +80,8 @@ def test_joint_states_are_columns_by_the_names_of_joints(
 @pytest.mark.parametrize("names", [("knee", "hip"), ("hip", "gripper", "knee")])
 def test_joints_that_change_their_places_keep_their_columns(tmp_path, store, names):
     messages = _list_joints(store, 10)
-    messages[4:8] = [
-        ("/joints", JOINTS, _make_joints(store, k, names)) for k in range(4, 8)
-    ]
-    found = read_all(open_log(_write(tmp_path / "bag", store, messages)))["/joints"]
+    messages[4:8] = [("/joints", _make_joints(store, k, names)) for k in range(4, 8)]
+    found = read_all(open_log(write_bag(tmp_path / "bag", store, messages)))["/joints"]
     np.testing.assert_array_equal(found["position[hip]"], 100.0 + np.arange(10))
     np.testing.assert_array_equal(found["position[knee]"], 200.0 + np.arange(10))
     if "gripper" in names:
@@ -109,32 +89,28 @@ def test_joints_that_change_their_places_keep_their_columns(tmp_path, store, nam
         assert has.nonzero()[0].tolist() == [4, 5, 6, 7]
 
 
-@pytest.mark.parametrize("broken", ["zero", "backwards"])
-def test_without_stamps_that_increase_the_time_of_receipt_counts(
-    tmp_path, store, broken
-):
+@pytest.mark.parametrize("step", [0, -STEP])
+def test_without_stamps_that_increase_the_time_of_receipt_counts(tmp_path, store, step):
+    stamps = [(START + k * step) * bool(step) for k in range(5)]
     messages = [
-        ("/joints", JOINTS, _make_joints(store, k if broken == "zero" else -k,
-                                         stamp=broken != "zero"))
-        for k in range(5)
-    ]  # fmt: skip
-    log = open_log(_write(tmp_path / "bag", store, messages))
+        ("/joints", _make_joints(store, k, stamp=stamp))
+        for k, stamp in enumerate(stamps)
+    ]
+    log = open_log(write_bag(tmp_path / "bag", store, messages))
     assert log.streams[0].time == "bag time"
     assert "header.stamp" in log.streams[0].columns
 
 
 def test_a_type_of_ones_own_is_read_by_its_definition(tmp_path, store):
-    motor = store.types["my_msgs/msg/Motor"]
-    messages = [
-        ("/state", "my_msgs/msg/State", store.types["my_msgs/msg/State"](
-            header=_header(store, START + k), effort=k / 2, note="text",
-            blob=np.zeros(3, np.uint8), class_ok=bool(k % 2),
-            motors=[motor(k + 10.0, np.array([k, 0, 0], np.int16)),
-                    motor(k + 20.0, np.array([0, 0, k], np.int16))],
-        ))
-        for k in range(6)
-    ]  # fmt: skip
-    found = read_all(open_log(_write(tmp_path / "bag", store, messages)))["/state"]
+    motor, state = (store.types[f"my_msgs/msg/{name}"] for name in ("Motor", "State"))
+    blob, messages = np.zeros(3, np.uint8), []
+    for k in range(6):
+        raw = [np.array(values, np.int16) for values in ([k, 0, 0], [0, 0, k])]
+        motors = [motor(k + 10.0, raw[0]), motor(k + 20.0, raw[1])]
+        header = _header(store, START + k)
+        made = state(header, k / 2, blob, motors, bool(k % 2), "text")
+        messages.append(("/state", made))
+    found = read_all(open_log(write_bag(tmp_path / "bag", store, messages)))["/state"]
     assert set(found) == {
         *("bag time", "header.stamp", "effort", "class_ok"),
         *(
@@ -162,14 +138,11 @@ def _list_usual(store):
     point = get("trajectory_msgs/JointTrajectoryPoint")(
         np.array([7.0, 8.0]), np.array([]), np.array([]), np.array([]), duration
     )
-    imu = get("sensor_msgs/Imu")(
-        header, turn, np.zeros(9), vector(1.0, 2.0, 3.0), np.zeros(9),
-        vector(4.0, 5.0, 6.0), np.zeros(9),
-    )  # fmt: skip
-    odometry = get("nav_msgs/Odometry")(
-        header, "foot", get("geometry_msgs/PoseWithCovariance")(pose, zeros),
-        get("geometry_msgs/TwistWithCovariance")(twist, zeros),
-    )  # fmt: skip
+    rates, nine = (vector(1.0, 2.0, 3.0), vector(4.0, 5.0, 6.0)), np.zeros(9)
+    imu = get("sensor_msgs/Imu")(header, turn, nine, rates[0], nine, rates[1], nine)
+    with_covariance = get("geometry_msgs/PoseWithCovariance")(pose, zeros)
+    moving = get("geometry_msgs/TwistWithCovariance")(twist, zeros)
+    odometry = get("nav_msgs/Odometry")(header, "foot", with_covariance, moving)
     wrench = get("geometry_msgs/Wrench")(vector(1.0, 2.0, 3.0), vector(4.0, 5.0, 6.0))
     trajectory = get("trajectory_msgs/JointTrajectory")(
         header, ["hip", "knee"], [point, point]
@@ -191,8 +164,8 @@ def _list_usual(store):
 
 def test_fields_of_the_usual_types_are_columns_by_their_paths(tmp_path, store):
     usual = _list_usual(store)
-    messages = [(f"/t{k}", m.__msgtype__, m) for k, (m, _, _) in enumerate(usual)]
-    found = read_all(open_log(_write(tmp_path / "bag", store, messages)))
+    messages = [(f"/t{k}", message) for k, (message, _, _) in enumerate(usual)]
+    found = read_all(open_log(write_bag(tmp_path / "bag", store, messages)))
     for k, (_, column, value) in enumerate(usual):
         assert found[f"/t{k}"][column].tolist() == [value]
         assert not any("points[1]" in name for name in found[f"/t{k}"])
@@ -206,7 +179,7 @@ def test_states_by_interface_are_columns_by_both_names(tmp_path, store):
     values = found.types["my_msgs/msg/Values"](["q", "i"], np.array([1.0, 2.0]))
     kind = "my_msgs/msg/Dynamic"
     message = found.types[kind](["hip", "knee"], [values, values])
-    log = open_log(_write(tmp_path / "bag", found, [("/d", kind, message)]))
+    log = open_log(write_bag(tmp_path / "bag", found, [("/d", message)]))
     column = "interface_values[knee].values[i]"
     assert read_all(log)["/d"][column].tolist() == [2]
 
@@ -237,32 +210,27 @@ def test_a_bag_of_ros_1_reads_the_same(tmp_path, compression):
 
 
 def _write_mcap(path, store, definition=None, kind=JOINTS, **settings):
-    """An MCAP of ten joint states, by the library `mcap`."""
+    """An MCAP of thirty joint states, and of a message that nobody can read."""
     text = definition or store.generate_msgdef(JOINTS, ros_version=2)[0]
-    with path.open("wb") as file:
-        writer = McapWriter(file, chunk_size=500, **settings)
-        writer.start()
-        schema = writer.register_schema(kind, "ros2msg", text.encode())
-        channels = [
-            writer.register_channel("/joints", "cdr", schema),
-            writer.register_channel("/joints", "cdr", schema),
-            writer.register_channel("/other", "protobuf", schema),
-        ]
-        for k in range(30):
-            raw = bytes(store.serialize_cdr(_make_joints(store, k), JOINTS))
-            time = START + k * STEP
-            writer.add_message(channels[k % 2], time, raw, time)
-        writer.add_message(channels[2], START, b"\x08\x96", START)
-        writer.finish()
-    return path
+    channels = [("/joints", "cdr"), ("/joints", "cdr"), ("/other", "protobuf")]
+    joints = [_make_joints(store, k) for k in range(30)]
+    raw = [bytes(store.serialize_cdr(message, JOINTS)) for message in joints]
+    messages = [*((k % 2, content) for k, content in enumerate(raw)), (2, b"\x08\x96")]
+    schema = kind, "ros2msg", text.encode()
+    return write_mcap(path, channels, schema, messages, **settings)
 
 
-@pytest.mark.parametrize("settings", [
-    {"compression": CompressionType.LZ4}, {"compression": CompressionType.NONE},
-    {"use_chunking": False}, {"use_summary_offsets": False, "use_statistics": False},
-    {"repeat_channels": False, "repeat_schemas": False},
-    {"index_types": IndexType.NONE},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.NONE},
+        {"use_chunking": False},
+        {"use_summary_offsets": False, "use_statistics": False},
+        {"repeat_channels": False, "repeat_schemas": False},
+        {"index_types": IndexType.NONE},
+    ],
+)
 def test_an_mcap_reads_the_same_however_it_is_written(tmp_path, store, settings):
     found = read_all(open_log(_write_mcap(tmp_path / "log.mcap", store, **settings)))
     _check_joints(found["/joints"])
@@ -270,7 +238,7 @@ def test_an_mcap_reads_the_same_however_it_is_written(tmp_path, store, settings)
 
 
 def test_only_what_is_wanted_comes_and_readings_do_not_meet(tmp_path, store):
-    log = open_log(_write(tmp_path / "bag", store, _list_joints(store)))
+    log = open_log(write_bag(tmp_path / "bag", store, _list_joints(store)))
     first = log.read({"/joints": ["position[knee]"]})
     second = log.read({"/joints": ["velocity[hip]", "bag time"]})
     (_, rows), (_, others) = next(first), next(second)
@@ -309,13 +277,13 @@ def test_a_chunk_that_would_unpack_to_gigabytes_is_refused(tmp_path, store):
 
 @pytest.mark.parametrize("plugin", StoragePlugin)
 def test_a_damaged_bag_is_read_or_refused(tmp_path, store, plugin):
-    path = _write(tmp_path / "bag", store, _list_joints(store), plugin)
+    path = write_bag(tmp_path / "bag", store, _list_joints(store), plugin)
     (path,) = (file for file in path.iterdir() if file.suffix != ".yaml")
     assert read_damaged(path)
 
 
 def test_an_empty_bag_has_no_rows(tmp_path, store):
-    path = _write(tmp_path / "bag", store, [])
+    path = write_bag(tmp_path / "bag", store, [])
     assert read_all(open_log(path)) == {}
 
 
@@ -325,6 +293,6 @@ def test_elements_have_the_first_names_of_a_message(tmp_path):
     found, kind = get_typestore(Stores.ROS2_HUMBLE), "my_msgs/msg/ControllerState"
     found.register(get_types_from_msg(text, kind))
     message = found.types[kind](["hip", "knee"], np.array([1.0, 2.0]), [])
-    path = _write(tmp_path / "bag", found, [("/state", kind, message)] * 3)
+    path = write_bag(tmp_path / "bag", found, [("/state", message)] * 3)
     (stream,) = open_log(path).streams
     assert {"reference[hip]", "reference[knee]"} <= set(stream.columns)

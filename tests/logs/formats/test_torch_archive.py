@@ -8,12 +8,7 @@ import pytest
 
 from selfheal.errors import InputError
 from selfheal.logs.open_log import open_log
-from tests.support.logs.reading import (
-    check_rows,
-    read_all,
-    read_damaged,
-    read_one,
-)
+from tests.support.logs.reading import read_all, read_one
 from tests.support.logs.torch_files import Tensor, save_archive
 
 TIME = np.arange(20, dtype="f4") / 100
@@ -31,16 +26,11 @@ def save(tmp_path):
     return save
 
 
-def test_tensors_are_columns_by_their_keys(save):
-    document = {"time": Tensor(TIME), "dof_pos": Tensor(ANGLES), "gain": 20.0}
-    log = open_log(save(document))
-    check_rows(log)
+def test_a_tensor_of_times_is_the_time(save):
+    log = open_log(save({"time": Tensor(TIME), "dof_pos": Tensor(ANGLES), "gain": 20}))
     (stream,) = log.streams
     assert stream.time == "time" and stream.columns["time"] == "s"
-    found = read_all(log)[""]
-    assert list(found) == ["time", *(f"dof_pos[{k}]" for k in range(3))]
-    np.testing.assert_array_equal(found["time"], TIME)
-    np.testing.assert_array_equal(found["dof_pos[2]"], ANGLES[:, 2])
+    assert list(read_all(log)[""]) == ["time", *(f"dof_pos[{k}]" for k in range(3))]
 
 
 def test_views_of_a_storage_are_read_as_torch_sees_them(save):
@@ -98,11 +88,6 @@ def test_a_container_that_holds_itself_is_read(save):
     document = {"q": Tensor(TIME)}
     document["again"] = document
     assert list(read_one(save(document))) == ["q"]
-
-
-def test_a_damaged_archive_is_read_or_refused(save):
-    path = save({"time": Tensor(TIME), "dof_pos": Tensor(ANGLES)})
-    assert read_damaged(path)
 
 
 def test_other_files_of_that_suffix_are_refused(tmp_path):

@@ -35,14 +35,14 @@ def edit(
         change: of values (T, ...) at times (T).
         episodes: that are changed; None: all.
     """
-    changed = {
-        k: replace(e, ctrl=e.ctrl * ctrl, signals={
-            n: replace(s, values=change(e.time, s.values))
-            if not names or n in names else s
-            for n, s in e.signals.items()
-        }) if episodes is None or k in episodes else e
-        for k, e in recording.episodes.items()
-    }  # fmt: skip
+    changed = dict(recording.episodes)
+    for key in changed if episodes is None else episodes:
+        episode = changed[key]
+        signals = dict(episode.signals)
+        for name in names or signals:
+            values = change(episode.time, signals[name].values)
+            signals[name] = replace(signals[name], values=values)
+        changed[key] = replace(episode, ctrl=episode.ctrl * ctrl, signals=signals)
     return replace(recording, episodes=changed)
 
 

@@ -70,8 +70,8 @@ def make_quadruped(joints: Sequence[str]) -> str:
         '<geom size="0.02" pos="0 0 -0.2" mass="0.05"/></body>'
         for name, (x, y) in zip(joints, corners, strict=True)
     )
-    drives = "".join(f'<position name="{n}" joint="{n}" kp="25" kv="1"/>'
-                     for n in joints)  # fmt: skip
+    drive = '<position name="{0}" joint="{0}" kp="25" kv="1"/>'
+    drives = "".join(map(drive.format, joints))
     return f"""<mujoco><compiler angle="radian"/>{_OPTION}<worldbody>
       <geom type="plane" size="5 5 .1"/><body name="trunk" pos="0 0 0.22"><freejoint/>
       <geom type="box" size=".18 .08 .04" mass="3" contype="0" conaffinity="0"/>{legs}

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import pyarrow
-from pyarrow import parquet
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from scipy.io import savemat
 
 from selfheal.example.simulate import Run
 from tests.support.logs.newcomer_robots import StandingRun
+from tests.support.logs.table_files import write_lerobot
 from tests.support.logs.torch_files import Tensor, save_archive
 
 CONTROLLER = "control_msgs/msg/JointTrajectoryControllerState"
@@ -50,26 +49,27 @@ def write_controller_mcap(path: Path, runs: list[Run], joints: list[str]) -> Non
             "/joint_states": "sensor_msgs/msg/JointState",
             "/arm_controller/controller_state": CONTROLLER,
         }
-        topics = {k: bag.add_connection(k, v, typestore=store)
-                  for k, v in kinds.items()}  # fmt: skip
+        topics = [
+            bag.add_connection(name, kind, typestore=store)
+            for name, kind in kinds.items()
+        ]
         start = 1_750_000_000.0
         for run in runs:
             for k, time in enumerate(start + run.time):
                 stamp = round(1e9 * time)
                 now = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-                head, (states, state) = types["std_msgs/msg/Header"](now, ""), topics
-                messages = {states: types[kinds[states]](
-                    head, [joints[j] for j in order], run.position[k, order],
-                    run.velocity[k, order], none,
-                )}  # fmt: skip
+                head = types["std_msgs/msg/Header"](now, "")
+                names, read = [joints[j] for j in order], (run.position, run.velocity)
+                states = [values[k, order] for values in read]
                 goal, angle = run.goal[k], run.position[k]
-                messages[state] = types[CONTROLLER](
-                    head, joints, point(goal), point(angle), point(goal - angle),
-                    point(none),
-                )  # fmt: skip
-                for topic, message in messages.items():
-                    raw = store.serialize_cdr(message, kinds[topic])
-                    bag.write(topics[topic], stamp + 300_000, raw)
+                points = [point(v) for v in (goal, angle, goal - angle, none)]
+                messages = (
+                    types["sensor_msgs/msg/JointState"](head, names, *states, none),
+                    types[CONTROLLER](head, joints, *points),
+                )
+                for topic, message in zip(topics, messages, strict=True):
+                    raw = store.serialize_cdr(message, message.__msgtype__)
+                    bag.write(topic, stamp + 300_000, raw)
             start += run.time[-1] + 5.0
 
 
@@ -94,37 +94,34 @@ def write_lerobot3(
     names = [f"{n}.pos" for n in joints]
     vector = {"dtype": "float32", "shape": [len(names)], "names": names}
     info = {
-        "codebase_version": "v3.0", "robot_type": "so101_follower",
+        "codebase_version": "v3.0",
+        "robot_type": "so101_follower",
         "fps": round(1 / (runs[0].time[1] - runs[0].time[0])),
-        "total_episodes": len(runs), "chunks_size": 1000,
+        "total_episodes": len(runs),
+        "chunks_size": 1000,
         "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
         "features": {"action": vector, "observation.state": vector},
-    }  # fmt: skip
-    for folder in ("meta", "data/chunk-000"):
-        (path / folder).mkdir(parents=True)
-    (path / "meta" / "info.json").write_text(json.dumps(info))
-    count = [run.time.size for run in runs]
-    table = pyarrow.table({
-        "action": convert(np.concatenate([r.goal for r in runs])).tolist(),
-        "observation.state": convert(
-            np.concatenate([r.position for r in runs])).tolist(),
-        "timestamp": np.concatenate([r.time for r in runs]).astype("f4"),
-        "frame_index": np.concatenate([np.arange(n) for n in count]),
-        "episode_index": np.repeat(np.arange(len(runs)), count),
-        "index": np.arange(sum(count)),
-        "task_index": np.zeros(sum(count), int),
-    })  # fmt: skip
-    parquet.write_table(table, path / "data" / "chunk-000" / "file-000.parquet")
+    }
+    episodes = [
+        {
+            "action": convert(run.goal).tolist(),
+            "observation.state": convert(run.position).tolist(),
+            "timestamp": run.time.astype("f4"),
+            "frame_index": np.arange(run.time.size),
+            "episode_index": np.full(run.time.size, k),
+        }
+        for k, run in enumerate(runs)
+    ]
+    write_lerobot(path, info, *episodes)
 
 
 def _join_buffers(runs: list[Run]) -> dict[str, np.ndarray]:
     """Arrays of all steps of runs that follow each other after 5 s."""
     starts = np.cumsum([0.0, *(run.time[-1] + 5.0 for run in runs[:-1])])
-    buffers = {
-        "time": [s + r.time for s, r in zip(starts, runs, strict=True)],
-        "dof_pos": [r.position for r in runs], "dof_vel": [r.velocity for r in runs],
-        "dof_pos_target": [r.goal for r in runs],
-    }  # fmt: skip
+    buffers = {"time": [s + r.time for s, r in zip(starts, runs, strict=True)]}
+    buffers |= {"dof_pos": [r.position for r in runs]}
+    buffers |= {"dof_vel": [r.velocity for r in runs]}
+    buffers |= {"dof_pos_target": [r.goal for r in runs]}
     return {name: np.concatenate(parts) for name, parts in buffers.items()}
 
 
@@ -136,8 +133,9 @@ def write_legged_gym(path: Path, runs: list[Run], joints: list[str]) -> None:
 
 def write_servo_json(path: Path, runs: list[Run], joints: list[str]) -> None:
     """Runs of one servo, as mauicv/servo-sysid writes them: its rate, no units."""
-    data = [{"type": "chirp", "targets": [], "actions": run.goal[:, 0].tolist(),
-             "sensor_data": run.position[:, 0].tolist()} for run in runs]  # fmt: skip
+    usual = {"type": "chirp", "targets": []}
+    pairs = [(run.goal[:, 0].tolist(), run.position[:, 0].tolist()) for run in runs]
+    data = [{**usual, "actions": goal, "sensor_data": read} for goal, read in pairs]
     path.write_text(json.dumps({"config": {"action_hz": 50}, "data": data}))
 
 

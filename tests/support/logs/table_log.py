@@ -25,8 +25,10 @@ class TableLog(Log):
 
     def __init__(self, streams, name="run.csv", piece=7):
         self.path = Path(name)
-        self.tables = {k: {c: np.asarray(v) for c, v in t.items()}
-                       for k, t in streams.items()}  # fmt: skip
+        self.tables = {
+            key: {column: np.asarray(values) for column, values in table.items()}
+            for key, table in streams.items()
+        }
         self.piece = piece
         self.streams = [
             Stream(key, dict.fromkeys(table, "")) for key, table in self.tables.items()
@@ -52,11 +54,9 @@ def make_map(text):
 def list_guessed(guess: Guess) -> dict[tuple[str, str], tuple]:
     """Column, conversion, and how sure it is, by kind and target."""
     return {
-        (line.kind, target): (column, unit, sure)
+        (line.kind, target.target): (target.columns[0], target.unit, target.sure)
         for line in guess.lines
-        for column, target, unit, sure in zip(
-            line.columns, line.targets, line.units, line.sure, strict=True
-        )
+        for target in line.targets
     }
 
 
