@@ -69,6 +69,7 @@ class ArraySchema:
         """What of an array, or of a dataset's header, does not fit; "" if all does.
 
         Args:
+            found: (...) in any unit.
             sizes: length by name; names that stand here first are added.
         """
         kinds, widest = {"byte": ("u", 1), "int": ("iu", 8), "float": ("fiu", 8)}[
