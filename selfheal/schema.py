@@ -290,15 +290,7 @@ class Members:
 def open_members(
     path: str | os.PathLike[str], what: str, *, form: str, version: int
 ) -> Iterator[Members]:
-    """Open a file as `files.open_run` does, for checked reading.
-
-    Args:
-        what: such a file in words, "run file" say.
-        form: its attribute `format`.
-        version: its attribute `version`.
-
-    Yields:
-        Its members.
+    """The members of a file, opened as `files.open_run` does, for checked reading.
 
     Raises:
         RunFileError: it cannot be read, keeps data elsewhere, declares more values
