@@ -32,9 +32,12 @@ def print_document(name: str, /, **members: object) -> None:
     print_json({"format": f"selfheal-{name}", "version": 1, **members})
 
 
-def print_line(line: str) -> None:
-    """Print a line."""
-    print(make_printable(line), flush=True)
+def print_line(line: str, style: str = "") -> None:
+    """Print a line, perhaps in a style of rich; only the terminal breaks it."""
+    if style:
+        _make_console().print(_make_text(line, style), soft_wrap=True)
+    else:
+        print(make_printable(line), flush=True)
 
 
 def print_error(line: str) -> None:
@@ -42,27 +45,18 @@ def print_error(line: str) -> None:
     print(make_printable(line), file=sys.stderr, flush=True)
 
 
-def print_paragraph(text: str, indent: str = "") -> None:
+def print_paragraph(text: str, indent: str = "", style: str = "") -> None:
     """Print a text in lines as wide as the terminal, and break no word.
 
     Args:
         indent: before every line but the first.
+        style: of rich, "dim" say.
     """
     width = shutil.get_terminal_size().columns - 1
     wrap = textwrap.TextWrapper(width, subsequent_indent=indent)
     wrap.break_long_words = wrap.break_on_hyphens = False
-    for line in wrap.wrap(text):
-        print_line(line)
-
-
-def print_text(text: str, style: str = "") -> None:
-    """Print a text in lines as wide as the terminal, in a style of rich."""
-    _make_console().print(_make_text(text, style))
-
-
-def print_long_line(text: str, style: str = "") -> None:
-    """Print a line in a style of rich, which only the terminal breaks."""
-    _make_console().print(_make_text(text, style), soft_wrap=True)
+    for line in wrap.wrap(make_printable(text)):
+        print_line(line, style)
 
 
 def print_table(

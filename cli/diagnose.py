@@ -22,9 +22,8 @@ from ._print import (
     print_error,
     print_json,
     print_line,
-    print_long_line,
+    print_paragraph,
     print_table,
-    print_text,
 )
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
@@ -150,13 +149,13 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     from selfheal.report.errors import state_errors
     from selfheal.report.phrases import state_verdict
 
-    print_long_line(state_verdict(found.document), "bold")
+    print_line(state_verdict(found.document), "bold")
     for said in state_errors(found.document["fit"]):
-        print_long_line(said)
+        print_line(said)
     _print_findings(found.document["findings"])
     _print_fit(found.document["fit"])
     for remark in found.remarks:
-        print_text(f"note: {remark}")
+        print_paragraph(f"note: {remark}")
     for name in ALL_FILES:
         if (folder / name).exists():
             print_line(os.fspath(folder / name))
@@ -187,7 +186,7 @@ def _print_findings(findings: Sequence["Finding"]) -> None:
     for found in findings:
         if rivals := found.get("equivalent"):
             how = found.get("separate_by")
-            print_text(
+            print_paragraph(
                 f"{found['effect']} at {found['target']} cannot be distinguished from "
                 f"{join_names(rivals)} by these recordings"
                 + (f"; to separate them: {how}" if how else "")
@@ -209,7 +208,7 @@ def _print_fit(fit: "FitScores") -> None:
     each = [make_row("replay", fit)]
     each += [make_row(name_replay(h), h) for h in fit.get("horizons", ())]
     print_table(("normalized", *MODELS, "explainable removed"), each)
-    print_text(_MEANS, "dim")
+    print_paragraph(_MEANS, style="dim")
 
 
 def replay(

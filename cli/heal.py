@@ -84,7 +84,6 @@ def gait(
     from selfheal.gait.synthesis import GaitTask
     from selfheal.recovery.walk_trial import walk_trial
 
-    _check_heading(heading)
     check_gait_settings(gait, math.radians(heading), seed)
     found, robot = load_identified(run)
     start = time.perf_counter()
@@ -143,7 +142,6 @@ def heal(
             refuse_settings(context)
             done = run_heal(resume=resume, progress=show, on_step=show.show_phase)
         else:
-            _check_heading(heading)
             done = run_heal(
                 run,
                 damage,
@@ -206,12 +204,6 @@ def _format_watched(episode: dict[str, Any]) -> str:
         f"{name}: stopped fitting at {alarm['since']:.1f} s, said at "
         f"{alarm['time']:.1f} s ({sure})"
     )
-
-
-def _check_heading(heading: float) -> None:
-    """Refuse a heading [deg] beyond a turn."""
-    if not -360 <= heading <= 360:
-        raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
 
 
 class _PhaseProgress:

@@ -12,7 +12,13 @@ from selfheal.errors import InputError
 from selfheal.files import lock_file
 
 from ._options import AS_JSON, make_epilog, out_folder, resume_from, start_over
-from ._print import print_document, print_error, print_line, print_table, print_text
+from ._print import (
+    print_document,
+    print_error,
+    print_line,
+    print_paragraph,
+    print_table,
+)
 from ._progress import ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -198,14 +204,14 @@ def _print_study(results: "Results", tables: "Sequence[Table]") -> None:
 
     for table in tables:
         print_line("")
-        print_text(table.title, "bold")
-        print_text(table.text)
+        print_line(table.title, "bold")
+        print_paragraph(table.text)
         if table.rows:
             print_table(table.head, table.rows)
-    print_text(describe_progress(results))
+    print_paragraph(describe_progress(results))
     for task in results.failed:
         last = results.records[task.key]["error"].splitlines()[-1]
-        print_text(f"{task.key}: {last}")
+        print_paragraph(f"{task.key}: {last}")
 
 
 for _name, _about in {

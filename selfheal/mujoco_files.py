@@ -146,11 +146,7 @@ def _parse(
 
 
 def _find_in_package(name: str, home: Path) -> Path | None:
-    """File of a ROS package, in which the model may lie or which lies near it.
-
-    Args:
-        name: of the package, and the path in it.
-    """
+    """File "PACKAGE/PATH" of a ROS package that holds the model or lies near it."""
     _, _, inner = name.partition("/")
     for folder in (home, *home.parents):
         for place in (folder / name, folder / inner):

@@ -69,6 +69,7 @@ class ArraySchema:
         """What of an array, or of a dataset's header, does not fit; "" if all does.
 
         Args:
+            found: (...) in any unit.
             sizes: length by name; names that stand here first are added.
         """
         kinds, widest = {"byte": ("u", 1), "int": ("iu", 8), "float": ("fiu", 8)}[
@@ -289,15 +290,7 @@ class Members:
 def open_members(
     path: str | os.PathLike[str], what: str, *, form: str, version: int
 ) -> Iterator[Members]:
-    """Open a file as `files.open_run` does, for checked reading.
-
-    Args:
-        what: such a file in words, "run file" say.
-        form: its attribute `format`.
-        version: its attribute `version`.
-
-    Yields:
-        Its members.
+    """The members of a file, opened as `files.open_run` does, for checked reading.
 
     Raises:
         RunFileError: it cannot be read, keeps data elsewhere, declares more values

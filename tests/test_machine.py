@@ -66,8 +66,9 @@ _READ = """
 import pathlib, sys
 from selfheal import limited_reading, machine
 machine._PROC = pathlib.Path("no proc")
-request = {"library": "json", "reader": sys.argv[1], "path": sys.argv[2],
-           "seconds": 0.3, "memory": 1_000_000_000}
+request = limited_reading._Request(
+    sys.argv[1], "json", sys.argv[2], seconds=0.3, memory=1_000_000_000
+)
 print(limited_reading._read_in_child(request))
 """
 

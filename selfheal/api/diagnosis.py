@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from ..errors import InputError, check_seed
 from ..files import check_file
@@ -19,38 +19,49 @@ DRAWING_SHARE = 0.97  # of the time that is over when the report is drawn; measu
 RecordingLike = Recording | str | os.PathLike[str]
 
 
+class DiagnoseOptions(TypedDict, total=False):
+    """What `diagnose` takes besides model and recordings; all of it may be left out.
+
+    Attributes:
+        held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
+            [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
+            too. Without any: a third of a recording's episodes, such that the others
+            span them, or the last third of a lone one.
+        no_check: kinds of log faults to ignore, of `selfheal.telemetry.KINDS`.
+        seed: of all random numbers, 0 by default.
+        memory: folder of checkpoints, in which the same diagnosis goes on where it was
+            killed; remove it in the end.
+        minutes: time limit [min], about, 30 by default: the best answer so far is given
+            then, and says what it left out; `math.inf` for as long as it takes.
+        findings_only: keep the nominal values of the model.
+    """
+
+    held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+    no_check: Sequence[str]
+    seed: int
+    memory: str | os.PathLike[str] | None
+    minutes: float
+    findings_only: bool
+
+
 def diagnose(
     model: str | os.PathLike[str],
     recordings: RecordingLike | Sequence[RecordingLike],
     *,
-    held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
-    no_check: Sequence[str] = (),
-    seed: int = 0,
-    memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-    minutes: float = 30.0,
     stop: Callable[[], bool] = lambda: False,
-    findings_only: bool = False,
+    **options: Unpack[DiagnoseOptions],
 ) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
     Args:
         model: path of the robot's MJCF or URDF.
         recordings: of the real robot: paths, or what `selfheal.recording.read` gave.
-        held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
-            [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
-            too. Without any: a third of a recording's episodes, such that the others
-            span them, or the last third of a lone one.
-        no_check: kinds of log faults to ignore, of `selfheal.telemetry.KINDS`.
-        memory: folder of what is worked out, in which the same diagnosis goes on where
-            it was killed; remove it in the end.
         progress: called with what is being done and the share (0 to 1) of the
             time that is over, about; 0 where that is not known.
-        minutes: [min] that it may take, about: the best answer so far is given then,
-            and says what it left out; `math.inf` for as long as it takes.
-        stop: called before each batch of simulations; once True, that answer is given
-            as soon as it is tested.
-        findings_only: keep the nominal values of the model.
+        stop: called before each batch of simulations; once True, the best answer so far
+            is given as soon as it is tested.
+        **options: as `DiagnoseOptions` lists them.
 
     Returns:
         The verdict, the findings and their proof; `save` and `simulate` use them.
@@ -65,21 +76,25 @@ def diagnose(
     from ..report.diagnose import make_diagnosis_page
 
     begun = time.monotonic()
+    seed, minutes = options.get("seed", 0), options.get("minutes", 30.0)
     check_seed(seed)
     check_file(model)
-    is_over = _make_clock(minutes, stop)
-    read, names = _read_all(_to_list(recordings), _to_list(held_out), os.fspath(model))
+    is_over, held_out = (
+        _make_clock(minutes, stop),
+        _to_list(options.get("held_out", ())),
+    )
+    read, names = _read_all(_to_list(recordings), held_out, os.fspath(model))
     say = _limit_shares(progress or (lambda what, share: None), begun, minutes)
-    noted = _check_logs(model, read, no_check)
+    noted = _check_logs(model, read, options.get("no_check", ()))
     found = find(
         model,
         read,
         held_out=names,
         seed=seed,
-        memory=memory,
+        memory=options.get("memory"),
         progress=say,
         is_over=is_over,
-        findings_only=findings_only,
+        findings_only=options.get("findings_only", False),
         begun=begun,
     )
     found = replace(found, remarks=(*noted, *found.remarks))

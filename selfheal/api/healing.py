@@ -5,10 +5,17 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack, cast
 
 from ..errors import InputError, check_seed
-from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
+from .run_files import (
+    REPORT,
+    PathLike,
+    RunOptions,
+    begin_run_file,
+    follow_phases,
+    take_place,
+)
 
 if TYPE_CHECKING:
     from ..damage.kinds import Damage
@@ -38,16 +45,17 @@ class HealOptions(TypedDict, total=False):
     robot: "Robot | None"
 
 
+class _AllOptions(HealOptions, RunOptions):
+    """What `heal` takes by name."""
+
+
 def heal(
     run: "PathLike | Run | None" = None,
     damage: "str | Sequence[Damage] | None" = None,
     *,
-    out: Folder | None = None,
-    resume: PathLike | None = None,
-    force: bool = False,
     progress: Callable[[str, str, float], None] | None = None,
     on_step: "Callable[[HealRun], None] | None" = None,
-    **options: Unpack[HealOptions],
+    **options: Unpack[_AllOptions],
 ) -> "HealRun":
     """Walk, notice a damage, find what it is, and walk again.
 
@@ -55,13 +63,9 @@ def heal(
         run: a finished run of `identify`, or its file. With `resume` it may be left
             out, if that run has a file.
         damage: what happens to the robot, in the words of `selfheal heal --damage`.
-        out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
-            given the run's name and makes the folder.
-        resume: file of a heal to continue, by its own settings.
-        force: replace a heal that is in `out` already.
         progress: given the phase, what it does, and the share done (0 to 1).
         on_step: given the run when it begins, and after each phase.
-        **options: as `HealOptions` lists them.
+        **options: as `HealOptions` and `RunOptions` list them.
 
     Returns:
         The finished run. `result` has what `selfheal heal --json` prints.
@@ -76,6 +80,7 @@ def heal(
     from ..robot.open_robot import name_robot
 
     callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
+    out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):
             begun = load_phased_run(resume, HealRun)
@@ -83,7 +88,7 @@ def heal(
             return _finish_heal(begun, known, Path(resume), *callbacks)
     if run is None or (damage is None) == (options.get("hours") is None):
         raise InputError("give a run and a damage or hours, or a heal to resume")
-    known, settings = _make_settings(run, damage, **options)
+    known, settings = _make_settings(run, damage, **cast(HealOptions, options))
     name = f"heal-{name_robot(known[1])}-{settings.seed}"
     with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
@@ -105,7 +110,9 @@ def check_gait_settings(gait: str, heading: float, seed: int) -> None:
 
     find_pattern(gait)
     if not abs(heading) <= 2 * math.pi:
-        raise InputError(f"the heading must be -2 pi to 2 pi rad; not {heading}")
+        raise InputError(
+            f"the heading must be -2 pi to 2 pi rad, within one turn; not {heading}"
+        )
     check_seed(seed)
 
 

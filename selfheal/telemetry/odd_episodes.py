@@ -81,7 +81,7 @@ class Scores:
     def find_suspect(self) -> str:
         """The episode that is worse than the next one by most; "" of too few."""
         every = [self.list_medians(at) for at in range(len(self.names))]
-        if min(map(len, every)) < MIN_EPISODES:
+        if min(map(len, every), default=0) < MIN_EPISODES:
             return ""
         ordered = [sorted(medians.values()) for medians in every]
         ratios = [first / (second + 1e-12) for *_, second, first in ordered]

@@ -1,30 +1,17 @@
 """The checks of a log: their names, the faults that they find, their order."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .context import Context
-    from .fault import Fault
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Check:
-    """A check: the function `find` of a module in `checks`.
+class Check(NamedTuple):
+    """A check: the name of its module in `checks`, and the kinds of faults it finds.
 
-    Attributes:
-        name: of the module.
-        kinds: of faults that it finds, by name: whether physics is meaningless then.
+    Of each kind it is known whether physics is meaningless then.
     """
 
     name: str
     kinds: Mapping[str, bool]
-
-    def find(self, context: "Context") -> "list[Fault]":
-        """The faults of a log; what its context knows may change."""
-        return [*import_module(f"{__package__}.checks.{self.name}").find(context)]
 
 
 COLUMNS = {"sign": True, "unit": True, "exchange": True}

@@ -174,7 +174,7 @@ def correct_base(model: "mujoco.MjModel", body: str) -> tuple[str, str]:
     """What to do about a body with a free joint whose pose nothing reads."""
     drives = "" if model.nu else "--kp KP "
     return (
-        f"leave out the free joint of {body}, if the base is fixed "
+        f"leave out the free joint of {body}, if the robot is suspended or bolted down "
         f"(selfheal model prepare ROBOT.xml {drives}--weld-base --out m.xml),",
         'or log its pose: [[signals]] kind = "body_position" and "body_orientation", '
         f'targets = ["{body}"]',

@@ -66,7 +66,7 @@ def test_predictions_stand_beside_readings(home):
     [
         ("log.h5 --to xlsx", "valid: csv, mcap, parquet, rrd"),
         ("none.h5 --to csv", "none.h5"),
-        ("log.h5 --to csv --out log.h5 --force", "would overwrite the recording"),
+        ("log.h5 --to csv --out log.h5 --force", "would overwrite what it"),
         ("log.h5 --to csv --out missing/x.csv", "missing/x.csv"),
         ("log.h5 --to csv --diagnosis .", "diagnosis"),
     ],
