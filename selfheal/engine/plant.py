@@ -128,10 +128,13 @@ def compute_set_points(
     )
     play = np.array([[p.backlash] for p in plants])
     late = [round(p.delay / period) for p in plants]
+    rows = zip(commands, late, start, strict=True)
     late_commands = np.stack(
-        [np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
-         for c, k, s in zip(commands, late, start, strict=True)]
-    )  # fmt: skip
+        [
+            np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
+            for c, k, s in rows
+        ]
+    )
     wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
     wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
     motor = limit_rate(wanted.swapaxes(0, 1), speed * period, start)

@@ -203,9 +203,9 @@ class Neighborhood:
         best = (self.bodies.losses + self._compute_prior_costs()).min()
         around = []
         for row in range(min(_CENTERS, len(losses))):
-            flat = int(self._distinct[row][np.argmin(losses[row])])
-            turn, trade = divmod(flat, len(self.twins.trade))
-            twin = self.twins.map_genome(self.bodies.genomes, row, turn, trade)
+            flat = self._distinct[row][[np.argmin(losses[row])]]
+            which = np.divmod(flat, len(self.twins.trade))
+            twin = self.twins.map_genomes(self.bodies.genomes[[row]], *which)
             around.append(list_neighbors(self.finder.space, twin))
         genomes = concatenate_genomes(*around)
         prior = self.finder.compute_prior(genomes)

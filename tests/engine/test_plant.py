@@ -1,5 +1,7 @@
 """Plants: motors keep their limits, joints what holds them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,8 +32,6 @@ def test_set_points_keep_to_the_motors_speed_and_range():
 
 
 def test_late_commands_with_play_follow_the_same_way_later():
-    from dataclasses import replace
-
     plant = replace(build_rated_plant(BODY), delay=0.05, backlash=0.02)
     time = np.arange(300) * 0.01
     commands = 0.3 * np.sin(2 * time)[:, None] * np.ones(ANATOMY.size)
@@ -40,9 +40,8 @@ def test_late_commands_with_play_follow_the_same_way_later():
 
 
 def test_a_jammed_joint_stays_where_it_is():
-    plant = apply_damages(
-        build_rated_plant(BODY), *parse_damages("jam:left_hip:20", ANATOMY)
-    )
+    jam = parse_damages("jam:left_hip:20", ANATOMY)
+    plant = apply_damages(build_rated_plant(BODY), *jam)
     points = _points(plant, np.zeros((200, ANATOMY.size)))
     joint = ANATOMY.joints.index("left_hip")
     assert points[100:, joint] == pytest.approx(np.radians(20))

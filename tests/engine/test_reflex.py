@@ -47,8 +47,8 @@ def test_what_is_nothing_changes_nothing(name):
 
 
 def test_damage_does_what_it_says(walker):
-    said = [(), (LOST,), (JAM,), (DEAF,), (Damage("neuron_dead", "neuron:0"),),
-            (Damage("wind", value=10.0),)]  # fmt: skip
+    neuron, wind = Damage("neuron_dead", "neuron:0"), Damage("wind", value=10.0)
+    said = [(), (LOST,), (JAM,), (DEAF,), (neuron,), (wind,)]
     drives = simulate_controllers(
         build_damaged_plants(QUADRUPED, said), np.tile(walker, (len(said), 1))
     )
