@@ -45,7 +45,7 @@ class InitialStates:
         """
         system, hypotheses, segments = self.system, self.hypotheses, self.segments
         variant = hypotheses.variant
-        n, w = len(hypotheses.values), len(segments)
+        n, w = len(hypotheses.models), len(segments)
         qpos, qvel = self._nominal_states(n)
         if initial_state_offset is not None:
             given = system.compiler.nominal

@@ -9,6 +9,7 @@ from ...recording.actuator_laws import list_control_gains
 from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
+from ..effects.commands import CommandGrid
 from ..effects.places import ControlsPlace
 from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
@@ -116,9 +117,9 @@ def _correct_torques(
         for control in place.controls
     }
     if not filtered.isdisjoint(controls):
-        reaching = compute_commands(
-            system, hypotheses, segments, centered=False, mean=False
-        ).reshape(commands.shape)
+        grid = CommandGrid(system.timestep)
+        reaching = compute_commands(system, hypotheses, segments, grid)
+        reaching = reaching.reshape(commands.shape)
         sent = _interpolate(reaching[..., controls], segments, at)
     else:
         sent = _find_sent_commands(system, segments, at, controls)
