@@ -8,6 +8,7 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from tests.support.effect_robots import make_pendulum
+from tests.support.problems import make_problem
 from tests.support.recorded_robots import bench
 
 
@@ -47,3 +48,14 @@ def test_a_joint_that_stops_moving_may_have_jammed_where_it_stays(tmp_path):
     (jam,) = effect.propose_terms(summarize_robot(simulator))
     assert jam.targets == ("joint:elbow",)
     assert jam.initial_values[0][0] == pytest.approx(angle, abs=3 * noise)
+
+
+@pytest.mark.parametrize("name", ["com_shift", "mount_shift", "payload"])
+def test_some_initial_value_of_each_shift_changes_the_motion(arm, name):
+    """A score test goes by the responses to initial values alone."""
+    problem = make_problem(arm)
+    none = problem.compute_residuals((), np.zeros((1, 0)))
+    for term in find_effect(name).propose_terms(arm.robot):
+        values = np.array(term.initial_values)
+        changed = problem.compute_residuals((term,), values) - none
+        assert np.abs(changed).max() > 0.1, term.label
