@@ -84,10 +84,10 @@ def transform_commands(
             own = list(place.controls)
             # most hypotheses differ in values that act on other controls
             acting = [v for controls, v in earlier if not controls.isdisjoint(own)]
+            both = np.hstack([*acting, values])
             _, first, which = np.unique(
-                np.hstack([*acting, values]),
-                axis=0, return_index=True, return_inverse=True,
-            )  # fmt: skip
+                both, axis=0, return_index=True, return_inverse=True
+            )
             rows = sent if ctrl is sent else ctrl[first]
             each = term.effect.transform_command(rows, grid, place, values[first])
             if ctrl is sent:

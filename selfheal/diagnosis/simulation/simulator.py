@@ -205,8 +205,10 @@ class Simulator(RecordedSystem):
             values: (n, P) of all terms' parameters, a row a hypothesis.
             centered: as `Simulator` has it.
         """
-        variant = self.compiler.compile_variant(
-            terms, leaping=centered, touching=self.has_contact or not centered
+        variant = (
+            self.compiler.compile_leapfrog(terms, touching=self.has_contact)
+            if centered
+            else self.compiler.compile_variant(terms)
         )
         term_values = split_values(terms, values)
         models = variant.build_models(terms, values)
