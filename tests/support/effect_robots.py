@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import mujoco
 import numpy as np
 
 from selfheal.diagnosis.data.segments import Segments
@@ -114,6 +115,14 @@ def write_patch_text(b: EffectBench, terms: tuple[Term, ...], values) -> str:
         compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
     )
     return build_patch(case, terms, values)[0]
+
+
+def compile_patched(
+    b: EffectBench, terms: Iterable[Term], values: Iterable[float]
+) -> mujoco.MjModel:
+    """The compiled patch with terms of these values."""
+    text = write_patch_text(b, tuple(terms), np.array(values))
+    return mujoco.MjModel.from_xml_string(text)
 
 
 def make_document(nominal, factors, effects, values) -> dict:

@@ -1,6 +1,6 @@
 """Small robots for tests of the diagnosis, and recordings of what they hide."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -255,6 +255,28 @@ def record(
         for i in range(episodes)
     }
     return Recording(found, "toy", "made up", "toy.h5")
+
+
+def change_readings(
+    recording: Recording,
+    change: Callable[[np.ndarray], np.ndarray],
+    *,
+    episodes: Iterable[str] | None = None,
+    signals: Iterable[str] | None = None,
+) -> Recording:
+    """The recording with other values of signals.
+
+    Args:
+        episodes: ids of those that change; None: all.
+        signals: names of those that change; None: all.
+    """
+    changed = dict(recording.episodes)
+    for key in changed if episodes is None else episodes:
+        own = dict(changed[key].signals)
+        for name in own if signals is None else signals:
+            own[name] = replace(own[name], values=change(own[name].values))
+        changed[key] = replace(changed[key], signals=own)
+    return replace(recording, episodes=changed)
 
 
 def _episode(robot, model, seconds, rate, rng, torque, noise, states) -> Episode:

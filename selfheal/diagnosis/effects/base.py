@@ -6,7 +6,7 @@ A `Term` is one effect at one place with the parameters to be fitted. A subclass
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from .declaration import (
     PHASE,
     UNUSUAL,
     USUAL,
+    Finding,
     FindingField,
     Parameter,
     ParameterSpec,
@@ -209,7 +210,7 @@ class Effect(ABC):
     def propose_terms(self, robot: "RobotSummary") -> list[Term]:
         """One term for each place where the effect could be."""
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         """The place of a finding in any model, for a replay.
 
         Raises:
@@ -217,7 +218,7 @@ class Effect(ABC):
         """
         return self.complete_place(locate_target(model, finding["target"]), finding)
 
-    def complete_place(self, place: Place, finding: Mapping[str, Any]) -> Place:
+    def complete_place(self, place: Place, finding: Finding) -> Place:
         """A target's place as a `place_type`, with what a finding says beside."""
         if not self.place_type:
             return place

@@ -1,8 +1,7 @@
 """A mount that gives: the base of a robot rocks about an axis, on a spring."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from ...mjcf.edit import Edit, Insert, format_number
 from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from .base import Effect, Term
-from .declaration import SELDOM, FindingField, ParameterSpec, Proposal
+from .declaration import SELDOM, Finding, FindingField, ParameterSpec, Proposal
 from .places import AddedJointPlace, BodyPlace, Place
 from .protocols import JointAddition, ModelEdit, TextForm
 
@@ -95,7 +94,7 @@ class BaseCompliance(
         values = tuple((a, float(b)) for a, b in zip(starts, damping, strict=True))
         return self.make_term(target, place, Proposal(parameters, values))
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         place = super().find_place(model, finding)
         assert isinstance(place, BodyPlace)  # by `target_kinds`
         return make_base_place(model, place.body, finding["axis"])

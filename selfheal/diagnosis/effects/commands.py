@@ -23,11 +23,14 @@ class CommandGrid:
 
     Attributes:
         step: from one to the next [s].
+        is_centered: whether a command counts from half a step before to half a step
+            after its step, as a leapfrog has it.
         is_mean: whether a command that changes within a step counts by its mean in the
             step, rather than by what it was when the step began.
     """
 
     step: float
+    is_centered: bool = False
     is_mean: bool = False
 
 

@@ -1,6 +1,6 @@
 """What an effect states of itself, once: its parameters, and a finding's fields."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ PHASE = "phase"  # the last parameter of a wave, after its amplitude and frequen
 _TENFOLD = float(np.log(10.0))
 USUAL, UNUSUAL, SELDOM, RARE = 0.0, -0.5 * _TENFOLD, -1.5 * _TENFOLD, -2.5 * _TENFOLD
 
+Finding = Mapping[str, Any]  # one of diagnosis.json's "findings"
 Starts = tuple[tuple[float, ...], ...]  # values (p) that a fit may begin at
 
 
@@ -103,7 +104,7 @@ class FindingField:
     """
 
     name: str
-    values: tuple[Any, ...] = ()
+    values: tuple[str | int, ...] = ()
     target_kind: str = ""
     is_required: bool = True
     note: str = ""

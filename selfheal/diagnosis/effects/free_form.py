@@ -11,9 +11,17 @@ from .declaration import ParameterSpec, Proposal
 from .places import JointPlace, Place
 from .protocols import JointForce, StepState
 
-BASIS = ("constant", "position", "position^2", "position^3", "velocity",
-         "velocity |velocity|", "sign of velocity", "sign of velocity x position",
-         "velocity x position")  # fmt: skip
+BASIS = (
+    "constant",
+    "position",
+    "position^2",
+    "position^3",
+    "velocity",
+    "velocity |velocity|",
+    "sign of velocity",
+    "sign of velocity x position",
+    "velocity x position",
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 # the end of a joint's range that has none [rad or m]; chosen: beyond any position
 UNLIMITED_RANGE = 1e6
-# share of what was asked of an actuator beyond which it is not limited; chosen
+# share of what an actuator was commanded beyond which it is not limited; chosen
 UNLIMITED_SHARE = 1.1
 
 
@@ -199,24 +199,23 @@ def widen_limits(model: "MjModel", actuator: int, limit: float) -> None:
     if (joint := _find_limited_joint(model, actuator)) >= 0:
         ranges.append((model.jnt_actfrcrange[joint], 1.0))
     for ends, factor in ranges:
-        ends *= max(1.0, limit / (factor * np.abs(ends).max()))
+        ends[:] *= max(1.0, limit / (factor * np.abs(ends).max()))
 
 
 def _find_limited_control(model: "MjModel", actuator: int) -> int:
     """Index into ctrl of a motor's one command with a ctrlrange; -1: there is none."""
     controls = find_controls(model, actuator)
-    is_motor = has_affine_force(model, actuator) and (
-        not model.actuator_biasprm[actuator].any()
+    is_motor = (
+        has_affine_force(model, actuator)
+        and not model.actuator_biasprm[actuator].any()
         and model.actuator_gaintype[actuator] == 0
         and model.actuator_gainprm[actuator, 0] != 0
     )
-    if (
-        not is_motor
-        or len(controls) != 1
-        or not model.actuator_ctrllimited[controls[0]]
-    ):
+    if not is_motor or len(controls) != 1:
         return -1
-    return int(controls[0]) if model.actuator_ctrlrange[controls[0]].any() else -1
+    (control,) = controls
+    has_range = model.actuator_ctrllimited[control]
+    return control if has_range and model.actuator_ctrlrange[control].any() else -1
 
 
 def _find_limited_joint(model: "MjModel", actuator: int) -> int:

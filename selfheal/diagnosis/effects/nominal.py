@@ -5,7 +5,6 @@ grant. Values that are zero are not fitted.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from types import EllipsisType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -118,17 +117,17 @@ def _make_term(scale: Scale, target: str, value: float, unit: str, at: Place) ->
     return Term(effect, (target,), (at,), (parameter,), ((1.0,),))
 
 
-def _scale_fields(index: str, *fields: tuple[str, int | EllipsisType]) -> Scale:
-    """Multiplies columns of fields of a compiled model.
+def _scale_fields(index: str, *fields: tuple[str, *tuple[int, ...]]) -> Scale:
+    """Multiplies fields of a compiled model at an element.
 
     Args:
         index: name of the place's attribute that is the fields' first index.
-        fields: each with its column; an ellipsis stands for all.
+        fields: each a name, and a column where it is not all that changes.
     """
 
     def scale(model: "MjModel", place: Place, factor: float) -> None:
-        for name, column in fields:
-            getattr(model, name)[getattr(place, index), column] *= factor
+        for name, *column in fields:
+            getattr(model, name)[getattr(place, index), *column] *= factor
 
     return scale
 
@@ -184,7 +183,7 @@ def build_nominal_terms(robot: RobotSummary) -> list[Term]:
 
 def _body_terms(robot: RobotSummary) -> Iterator[Term]:
     """Masses, inertias and lengths of the bodies that move."""
-    scale_mass = _scale_fields("body", ("body_mass", ...), ("body_inertia", ...))
+    scale_mass = _scale_fields("body", ("body_mass",), ("body_inertia",))
     for body in robot.bodies:
         name, place = f"body:{body.name}", BodyPlace(body=body.id)
         yield _make_term(scale_mass, f"{name}/mass", body.mass, "kg", place)
@@ -203,7 +202,7 @@ def _inertia_terms(model: "MjModel", body: MovingBody) -> Iterator[Term]:
     name, inertia = f"body:{body.name}", model.body_inertia[body.id]
     place = BodyPlace(body=body.id)
     if not (model.jnt_type[model.jnt_bodyid == body.id] <= BALL_JOINT).any():
-        scale, target = _scale_fields("body", ("body_inertia", ...)), f"{name}/inertia"
+        scale, target = _scale_fields("body", ("body_inertia",)), f"{name}/inertia"
         yield _make_term(scale, target, inertia.max(), "kg m^2", place)
         return
     moments = _second_moments(inertia)
@@ -241,7 +240,7 @@ def _joint_terms(model: "MjModel") -> Iterator[Term]:
         is_ball, place = model.jnt_type[j] == BALL_JOINT, joint_place(model, j)
         for field, hinge_unit in HINGE_UNITS.items():
             if field == "stiffness":
-                scale = _scale_fields("joint", ("jnt_stiffness", ...))
+                scale = _scale_fields("joint", ("jnt_stiffness",))
                 value = model.jnt_stiffness[j]
             else:
                 scale = _scale_degrees_of_freedom(f"dof_{field}", 3 if is_ball else 1)
@@ -300,7 +299,7 @@ def _list_affine_values(
     if is_plain_motor and abs(gear) == 1.0:  # its strength, which a gear would say
         yield "gain", 1.0, by_command, _scale_actuator(GAIN)
     elif is_plain_motor and gear:
-        yield "gear", gear, "1", _scale_fields("output", ("actuator_gear", ...))
+        yield "gear", gear, "1", _scale_fields("output", ("actuator_gear",))
     if bias[2]:
         columns = (GAIN, DAMPING) if speed else (DAMPING,)
         yield "kv", -bias[2], f"{a.force} s/{a.unit}", _scale_actuator(*columns)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from ...mjcf.edit import Edit
 
-P = TypeVar("P", bound=Place, contravariant=True)
+P_contra = TypeVar("P_contra", bound=Place, contravariant=True)
 
 
 @dataclass
@@ -62,11 +62,11 @@ class StepState:
 
 
 @runtime_checkable
-class ModelEdit(Protocol[P]):
+class ModelEdit(Protocol[P_contra]):
     """An edit of numbers of the model."""
 
     @abstractmethod
-    def edit_model(self, model: "MjModel", place: P, values: Floats) -> None:
+    def edit_model(self, model: "MjModel", place: P_contra, values: Floats) -> None:
         """Change fields of a compiled model.
 
         Args:
@@ -76,12 +76,12 @@ class ModelEdit(Protocol[P]):
 
 
 @runtime_checkable
-class CommandFilter(Protocol[P]):
+class CommandFilter(Protocol[P_contra]):
     """A filter of commands on their way to the actuators."""
 
     @abstractmethod
     def transform_command(
-        self, ctrl: Floats, grid: CommandGrid, place: P, values: Floats
+        self, ctrl: Floats, grid: CommandGrid, place: P_contra, values: Floats
     ) -> Floats:
         """Commands as they reach the actuators.
 
@@ -97,13 +97,13 @@ class CommandFilter(Protocol[P]):
 
 
 @runtime_checkable
-class JointForce(Protocol[P]):
+class JointForce(Protocol[P_contra]):
     """A force at joints, or a change of friction and limits, at every step."""
 
     needs: frozenset[str]
 
     @abstractmethod
-    def apply_forces(self, state: StepState, place: P, values: Floats) -> None:
+    def apply_forces(self, state: StepState, place: P_contra, values: Floats) -> None:
         """Add forces, or change friction and limits, at one step.
 
         Args:
@@ -114,11 +114,13 @@ class JointForce(Protocol[P]):
 
 
 @runtime_checkable
-class SensorMap(Protocol[P]):
+class SensorMap(Protocol[P_contra]):
     """A map from what is true to what a sensor reads."""
 
     @abstractmethod
-    def transform_reading(self, place: P, values: Floats) -> Mapping[str, Floats]:
+    def transform_reading(
+        self, place: P_contra, values: Floats
+    ) -> Mapping[str, Floats]:
         """What the sensors of a place make of true signals, from values (N, p).
 
         Returns:
@@ -128,14 +130,14 @@ class SensorMap(Protocol[P]):
 
 
 @runtime_checkable
-class JointAddition(Protocol[P]):
+class JointAddition(Protocol[P_contra]):
     """An edit of the model before it is compiled: one more joint, on a spring or stop.
 
     Its place is an `AddedJointPlace`.
     """
 
     @abstractmethod
-    def edit_spec(self, spec: "MjSpec", place: P) -> None:
+    def edit_spec(self, spec: "MjSpec", place: P_contra) -> None:
         """Add the joint."""
 
     @abstractmethod
@@ -149,11 +151,13 @@ class JointAddition(Protocol[P]):
 
 
 @runtime_checkable
-class TextForm(Protocol[P]):
+class TextForm(Protocol[P_contra]):
     """Edits of the MJCF's text with the effect's native form."""
 
     @abstractmethod
-    def edit_text(self, model: "MjModel", place: P, values: Floats) -> "Sequence[Edit]":
+    def edit_text(
+        self, model: "MjModel", place: P_contra, values: Floats
+    ) -> "Sequence[Edit]":
         """Edits after which plain MuJoCo does what the effect does.
 
         Args:

@@ -5,14 +5,13 @@ move against the motor (MuJoCo manual, Modeling: Backlash).
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ...mjcf.edit import Edit, Insert, Set, format_number
 from ...recording.data import Floats
 from ..data.robot_summary import Joint, RobotSummary, min_stable_inertia
 from .by_target import JointEffect
-from .declaration import FindingField
+from .declaration import Finding, FindingField
 from .places import LINK, MOTOR, SLIDE, JointPlace, Place, SecondJointPlace
 from .protocols import JointAddition, ModelEdit, TextForm
 
@@ -28,7 +27,7 @@ FIELDS = {
     "damping": "dof_damping",
 }
 # attributes that the second joint must not inherit from a default class
-ALONE: dict[str, Any] = {
+ALONE: dict[str, float | tuple[float, ...]] = {
     "damping": (0.0, 0.0, 0.0),
     "stiffness": (0.0, 0.0, 0.0),
     "springref": 0.0,
@@ -81,7 +80,7 @@ class SecondJointEffect(
             for side in ((MOTOR, LINK) if joint.measured else (MOTOR,))
         ]
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         name, side = finding["target"].partition(":")[2], finding["measured"]
         return self._extend(super().find_place(model, finding), name, side)
 

@@ -74,9 +74,6 @@ def list_restated_columns(
 
 def remove_rounding(terms: Sequence[Term], values: Floats) -> Floats:
     """Values (n, P) in which those that round readings are nominal."""
-    each = [
-        (isinstance(t.effect, Quantization), p.nominal)
-        for t in terms for p in t.parameters
-    ]  # fmt: skip
-    rounds = np.array([r for r, _ in each], bool)
-    return np.where(rounds, [nominal for _, nominal in each], values)
+    rounds = [isinstance(t.effect, Quantization) for t in terms for _ in t.parameters]
+    nominal = [p.nominal for t in terms for p in t.parameters]
+    return np.where(np.array(rounds, bool), nominal, values)

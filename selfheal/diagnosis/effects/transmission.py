@@ -1,8 +1,8 @@
 """Physics of the transmission between motor and link: inertia, springs, stops, play."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from .by_target import JointEffect
 from .declaration import (
     SELDOM,
     USUAL,
+    Finding,
     FindingField,
     Parameter,
     ParameterSpec,
@@ -207,7 +208,7 @@ class JointCoupling(Effect, JointForce[CoupledPlace]):
         starts = tuple((size, ratio) for size in sizes for ratio in (1.0, -1.0))
         return self.make_term(f"joint:{a.name}", place, Proposal(parameters, starts))
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         other = locate_target(model, finding["other"])
         assert isinstance(other, JointPlace)  # `FindingField.target_kind`
         return _couple(super().find_place(model, finding), finding["other"], other)

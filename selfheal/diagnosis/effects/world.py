@@ -1,9 +1,9 @@
 """Physics of the robot's surroundings: gravity, the medium around it, the ground."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,14 @@ from ...recording.data import Floats
 from ..data.robot_summary import RobotSummary
 from .base import Term
 from .by_target import WorldEffect
-from .declaration import SELDOM, FindingField, Parameter, ParameterSpec, Proposal
+from .declaration import (
+    SELDOM,
+    Finding,
+    FindingField,
+    Parameter,
+    ParameterSpec,
+    Proposal,
+)
 from .places import GeomsPlace, Place
 from .protocols import ModelEdit
 
@@ -160,7 +167,7 @@ class FluidDrag(WorldEffect, ModelEdit[FluidPlace]):
         proposal = Proposal((p,), tuple((s,) for s in starts))
         return self.make_term("world", FluidPlace(field=name), proposal)
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         return FluidPlace(field=finding["parameters"][0]["name"])
 
     def edit_model(self, model: "MjModel", place: FluidPlace, values: Floats) -> None:
@@ -227,7 +234,7 @@ class GroundEffect(WorldEffect):
         """The geoms of the ground; None where nothing touched anything."""
         return find_ground_geoms(robot.model) if robot.has_contact else None
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         place = super().find_place(model, finding)
         if isinstance(place, GeomsPlace):
             return place

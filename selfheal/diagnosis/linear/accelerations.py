@@ -9,6 +9,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Effect, Term
+from ..effects.commands import CommandGrid
 from ..effects.protocols import (
     CommandFilter,
     JointAddition,
@@ -165,9 +166,9 @@ def _begin(
     around = simulator.cache.load_or_compute(
         moments, "steps around", lambda: _shift_back(moments)
     )
-    commands = compute_commands(
-        simulator, hypotheses, around, centered=True, mean=True
-    )[:, : int(moments.lengths.max())]
+    grid = CommandGrid(simulator.timestep, is_centered=True, is_mean=True)
+    commands = compute_commands(simulator, hypotheses, around, grid)
+    commands = commands[:, : int(moments.lengths.max())]
     return hypotheses, initial.compute(state_offset), commands.mean(axis=1)
 
 
@@ -204,10 +205,10 @@ def _forward(
     friction = np.repeat(losses, len(moments), axis=0)
     if actions:
         time = np.tile(moments.first_step * step, len(hypotheses.models))
-        forces = EffectForces(batch, actions, initial.integral_errors, step)
+        forces = EffectForces(batch, actions, initial.integral_errors, time, step)
         if any("actuator_torque" in action.effect.needs for action in actions):
             batch.forward(stage=stage)  # fills what is bound before
-        forces.apply(batch.bind("qpos"), batch.bind("qvel"), bound, time)
+        forces.apply(bound, 0)
         friction = forces.frictionloss
     if in_steps:
         before = batch.bind("qvel").copy()

@@ -12,7 +12,7 @@ from ...recording.actuator_laws import find_goal
 from ...recording.data import Floats
 from ..data.episodes import SampledEpisode
 from ..data.segments import Segments
-from ..effects.commands import delay_column, limit_rate_of_column
+from ..effects.commands import CommandGrid, delay_column, limit_rate_of_column
 from ..effects.controller.servo import SETTLED, IntegralAction, IntegratorPlace
 from ..effects.places import ActuatorPlace, actuator_place
 from .batch import Hypotheses
@@ -273,9 +273,8 @@ def _follow_pids(
     for a in np.flatnonzero(model.actuator_dyntype == DYN_PID).tolist():
         states = []
         ctrl = transform_commands(
-            hypotheses.terms, hypotheses.term_values, episode, step,
-            centered=False, mean=False,
-        )  # fmt: skip
+            hypotheses.terms, hypotheses.term_values, episode, CommandGrid(step)
+        )
         late = np.array([[model.actuator_delay[a] / step]])
         goal = delay_column(ctrl[..., find_goal(model, a)], late)
         most, rate = model.actuator_dynprm[a, :2]  # imax, slewmax; 0: none

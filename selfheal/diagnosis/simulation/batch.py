@@ -11,6 +11,7 @@ from ...machine import count_cores
 from ...recording import find_output
 from ...recording.data import Floats
 from ..effects.base import Term
+from ..effects.commands import CommandGrid
 from .model_variants import ModelVariant, read_model_field
 from .sensors import SensorReader
 
@@ -30,25 +31,19 @@ class Hypotheses:
         variant: the given model with the joints that the terms add.
         models: (n) twins of the variant, with each hypothesis's values.
         terms: effects that all hypotheses have.
-        values: (n, P) of all terms' parameters, a row a hypothesis.
         term_values: (n, p) of each term.
         reading_changes: by signal and kind of change, (n) or (n, width), as
             `collect_reading_changes` gives them.
-        centered: whether steps are read as a leapfrog's; see `Simulator.simulate`.
+        grid: of the steps and their commands. Where it is centered, steps are read as
+            a leapfrog's; see `Simulator.simulate`.
     """
 
     variant: ModelVariant
     models: Sequence["mujoco.MjModel"]
     terms: Sequence[Term]
-    values: Floats
     term_values: Sequence[Floats]
     reading_changes: Mapping[str, Mapping[str, Floats]]
-    centered: bool
-
-    @property
-    def timestep(self) -> float:
-        """Of their simulation [s]."""
-        return float(self.models[0].opt.timestep)
+    grid: CommandGrid
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +201,7 @@ def restore_whole_steps(
     Args:
         batch: that was simulated, and will not be simulated on.
         recorded: fields (K, B, ...) at each step; changed.
-        commands: (K, B, nu).
+        commands: (B, K, nu).
         sensors: what is read of the fields.
         sampled_steps: (S) at which velocities of bodies and sensors are recomputed.
     """
@@ -227,7 +222,7 @@ def restore_whole_steps(
         at_step = {name: values[k] for name, values in recorded.items()}
         bound["qpos"][:] = at_step["qpos"]
         if len(accelerations):  # only what the other velocity changes is added
-            set_commands(batch, commands[k])
+            set_commands(batch, commands[:, k])
             bound["qvel"][:] = early[k]
             batch.forward(stage=stage)
             at_step["sensordata"][:, accelerations] -= bound["sensordata"][

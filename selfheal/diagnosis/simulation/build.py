@@ -34,17 +34,14 @@ from ..data.state_estimate import estimate_state
 from .model_variants import ModelCompiler
 from .simulator import Simulator
 
-MEASURED_MOMENTS = 7  # of an episode, at which is asked what is measured; chosen
+MEASURED_MOMENTS = 7  # of an episode, at which a state is measured or not; chosen
 MEASURED_SHARE = 0.5  # of these, in which a state has to be measured; chosen: most
 MOTION_MOMENTS = 600  # of all episodes, over which motion is averaged; chosen
 COMMAND_MOMENTS = 300  # of an episode, over which commands are averaged; chosen
 # [rad/s^2 or m/s^2] of a joint's inertia, whose torque is added to the typical one;
 # chosen: not zero for a joint without load or gravity
 MIN_TYPICAL_ACCELERATION = 1e-3
-RANGE_QUANTILES = (
-    0.005,
-    0.995,
-)  # of positions, for a joint's range; chosen: no outlier
+RANGE_QUANTILES = (0.005, 0.995)  # of positions, for a range; chosen: no outlier
 # of a robot's motion, its last part, and of the positions there, for their range;
 # chosen: what changed stays so, but for a jolt
 LATE_SHARE, LATE_QUANTILES = 0.25, (0.05, 0.95)
@@ -294,10 +291,8 @@ def _summarize_actuator(
     model = simulator.compiler.nominal
     gains, bias = list_control_gains(model, a), model.actuator_biasprm[a]
     goal, (kp, _) = find_goal(model, a), get_servo_gains(model, a)
-    servo = bool(
-        model.actuator_biastype[a] == 1 and goal >= 0
-        and abs(bias[1] + kp) < SERVO_GAIN_TOLERANCE * kp
-    )  # fmt: skip
+    is_same_gain = abs(bias[1] + kp) < SERVO_GAIN_TOLERANCE * kp
+    servo = bool(model.actuator_biastype[a] == 1 and goal >= 0 and is_same_gain)
     controls = find_controls(model, a)
     moving = controls if goal < 0 else (goal,)
     gear = abs(float(model.actuator_gear[find_output(model, a), 0]))
@@ -322,12 +317,17 @@ def _summarize_actuator(
     scale = float(-bias[1] / gains[controls.index(goal)]) if goal >= 0 else 1.0
     rates.append(2 * moved * scale if moved > 0 else 2.0)
     return Actuator(
-        a, model.actuator(a).name, -1 if joint is None else joint.dof,
-        -1 if joint is None else joint.qpos, servo, max(max_force * gear, MIN_FORCE),
-        max(moved / (gear or 1.0), MIN_SPEED), max(rates),
-        _driven_unit(model, a) if joint is None else joint.unit,
-        joint is not None and joint.measured,
-    )  # fmt: skip
+        id=a,
+        name=model.actuator(a).name,
+        dof=-1 if joint is None else joint.dof,
+        qpos=-1 if joint is None else joint.qpos,
+        servo=servo,
+        max_force=max(max_force * gear, MIN_FORCE),
+        speed=max(moved / (gear or 1.0), MIN_SPEED),
+        max_rate=max(rates),
+        unit=_driven_unit(model, a) if joint is None else joint.unit,
+        measured=joint is not None and joint.measured,
+    )
 
 
 def _transmission_motion(

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar, cast
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -56,7 +56,7 @@ class SimulationCache:
             entry.values[key] = value
             entry.size += count_numbers(value)
             self._drop_oldest(segments)
-        return entry.values[key]
+        return cast(Value, entry.values[key])
 
     def _drop_oldest(self, used: Segments) -> None:
         """Forget other segments' values until what is kept is within the limit."""
@@ -72,17 +72,17 @@ class SimulationCache:
 class _Entry:
     """The values kept of some segments, and how many numbers they hold."""
 
-    values: dict[Hashable, Any]
+    values: dict[Hashable, object]
     size: int = 0
 
 
-def count_numbers(value: Any) -> int:
+def count_numbers(value: object) -> int:
     """How many numbers a value of the cache holds."""
     if isinstance(value, Segments):
         return sum(count_numbers(array) for array in vars(value).values())
     if isinstance(value, tuple):
         return sum(map(count_numbers, value))
-    return int(np.size(value))
+    return int(np.asarray(value).size)
 
 
 class OutOfTime(Exception):

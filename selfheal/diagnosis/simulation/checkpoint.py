@@ -4,7 +4,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class Checkpoint:
         self._programs = programs
         self._digester = Digester()
 
-    def load_or_compute(self, inputs: Any, compute: Callable[[], Arrays]) -> Arrays:
+    def load_or_compute(self, inputs: object, compute: Callable[[], Arrays]) -> Arrays:
         """Give the arrays of a computation; computed if no file of them can be read.
 
         Args:

@@ -19,33 +19,23 @@ def compute_commands(
     system: RecordedSystem,
     hypotheses: Hypotheses,
     segments: Segments,
-    *,
-    centered: bool,
-    mean: bool,
+    grid: CommandGrid,
 ) -> Floats:
     """Commands of each simulation, as they reach the actuators.
-
-    Args:
-        centered: as `transform_commands` has it.
-        mean: as `transform_commands` has it.
 
     Returns:
         (n W, K, nu) of K steps [each control's unit].
     """
-    terms = hypotheses.terms
-    if not any(isinstance(t.effect, CommandFilter) for t in terms):
-        sent = system.cache.load_or_compute(
-            segments,
-            ("commands", centered),
-            lambda: _cut_commands(
-                system, (), (), segments, centered=centered, mean=mean
-            )[0],
-        )
-        return np.tile(sent, (len(hypotheses.models), 1, 1))
-    commands = _cut_commands(
-        system, terms, hypotheses.term_values, segments, centered=centered, mean=mean
+    terms, values = hypotheses.terms, hypotheses.term_values
+    if any(isinstance(t.effect, CommandFilter) for t in terms):
+        commands = _cut_commands(system, terms, values, segments, grid)
+        return commands.reshape(-1, *commands.shape[2:])
+    sent = system.cache.load_or_compute(
+        segments,
+        ("commands", grid.is_centered),
+        lambda: _cut_commands(system, (), (), segments, grid)[0],
     )
-    return commands.reshape(-1, *commands.shape[2:])
+    return np.tile(sent, (len(hypotheses.models), 1, 1))
 
 
 def _cut_commands(
@@ -53,25 +43,20 @@ def _cut_commands(
     terms: Sequence[Term],
     term_values: Sequence[Floats],
     segments: Segments,
-    *,
-    centered: bool,
-    mean: bool,
+    grid: CommandGrid,
 ) -> Floats:
     """Commands (1 or n, W, K, nu) of segments, those of their episodes transformed."""
     n = len(term_values[0]) if terms else 1
     steps = np.arange(int(segments.lengths.max()) + 2)
     out = np.empty((n, len(segments), len(steps), system.compiler.nominal.nu))
-    margin = 1 + round(MAX_LOOK_AHEAD / system.timestep)
+    margin = 1 + round(MAX_LOOK_AHEAD / grid.step)
     for i in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == i)
-        episode = system.episodes[i].truncate(
-            int(segments.first_step[rows].max()) + len(steps) + margin
-        )
-        grid = transform_commands(
-            terms, term_values, episode, system.timestep, centered=centered, mean=mean
-        )
-        at = np.minimum(segments.first_step[rows][:, None] + steps, grid.shape[1] - 1)
-        out[:, rows] = grid[:, at]
+        first = segments.first_step[rows]
+        episode = system.episodes[i].truncate(int(first.max()) + len(steps) + margin)
+        ctrl = transform_commands(terms, term_values, episode, grid)
+        at = np.minimum(first[:, None] + steps, ctrl.shape[1] - 1)
+        out[:, rows] = ctrl[:, at]
     return out
 
 
@@ -79,26 +64,17 @@ def transform_commands(
     terms: Sequence[Term],
     term_values: Sequence[Floats],
     episode: SampledEpisode,
-    step: float,
-    *,
-    centered: bool,
-    mean: bool,
+    grid: CommandGrid,
 ) -> Floats:
     """Commands of an episode on its grid, as they reach the actuators.
 
     Args:
         term_values: (n, p) of each term.
-        step: of the grid [s].
-        centered: whether a command counts from half a step before to half a step after
-            its step, as a leapfrog has it.
-        mean: whether a command that changes within a step counts by its mean in the
-            step, rather than by what it was when the step began.
 
     Returns:
         (1 or n, G, nu) [each control's unit].
     """
-    grid = CommandGrid(step, is_mean=mean)
-    sent = (episode.ctrl_centered if centered else episode.ctrl)[None]
+    sent = (episode.ctrl_centered if grid.is_centered else episode.ctrl)[None]
     ctrl, earlier = sent, list[tuple[set[int], Floats]]()
     for term, values in zip(terms, term_values, strict=True):
         if not isinstance(term.effect, CommandFilter):
@@ -108,10 +84,10 @@ def transform_commands(
             own = list(place.controls)
             # most hypotheses differ in values that act on other controls
             acting = [v for controls, v in earlier if not controls.isdisjoint(own)]
+            both = np.hstack([*acting, values])
             _, first, which = np.unique(
-                np.hstack([*acting, values]),
-                axis=0, return_index=True, return_inverse=True,
-            )  # fmt: skip
+                both, axis=0, return_index=True, return_inverse=True
+            )
             rows = sent if ctrl is sent else ctrl[first]
             each = term.effect.transform_command(rows, grid, place, values[first])
             if ctrl is sent:

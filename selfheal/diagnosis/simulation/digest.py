@@ -9,13 +9,18 @@ from dataclasses import fields, is_dataclass
 from enum import Enum
 from importlib.metadata import version
 from pathlib import Path, PurePath
-from typing import Any
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+Named = type | types.FunctionType | types.BuiltinFunctionType
 PACKAGE = Path(__file__).parents[2]
+PARAMS = "__dataclass_params__"  # of a dataclass, as Python names them
 VERSIONED = ("mujoco", "numpy", "scipy")  # packages that make the numbers
 
 
@@ -33,10 +38,10 @@ class Digester:
     """
 
     def __init__(self) -> None:
-        self._of_objects: WeakKeyDictionary[Any, bytes] = WeakKeyDictionary()
+        self._of_objects: WeakKeyDictionary[object, bytes] = WeakKeyDictionary()
         self._of_modules: dict[str, bytes] = {}
 
-    def digest(self, value: Any) -> bytes:
+    def digest(self, value: object) -> bytes:
         """SHA-256 of a value.
 
         Raises:
@@ -46,7 +51,7 @@ class Digester:
         self._feed(state, value)
         return state.digest()
 
-    def _feed(self, state: "hashlib._Hash", value: Any) -> None:
+    def _feed(self, state: "hashlib._Hash", value: object) -> None:
         """Add a value to a digest, so that no two different values add the same."""
         if isinstance(value, np.ndarray | np.generic) and value.dtype != object:
             state.update(_tag("array", value.shape, value.dtype.str))
@@ -65,7 +70,7 @@ class Digester:
         else:
             self._feed_container(state, value)
 
-    def _feed_container(self, state: "hashlib._Hash", value: Any) -> None:
+    def _feed_container(self, state: "hashlib._Hash", value: object) -> None:
         """Add a collection, a function or an object of any other class."""
         if isinstance(value, Mapping):
             pairs = [part for pair in value.items() for part in pair]
@@ -95,16 +100,18 @@ class Digester:
             raise TypeError(f"no digest of a {type(value).__name__}: {value!r}")
 
     def _feed_items(
-        self, state: "hashlib._Hash", kind: str, items: Sequence[Any]
+        self, state: "hashlib._Hash", kind: str, items: Sequence[object]
     ) -> None:
         """Add several values in their order."""
         state.update(_tag(kind, len(items)))
         for item in items:
             self._feed(state, item)
 
-    def _feed_dataclass(self, state: "hashlib._Hash", value: Any) -> None:
+    def _feed_dataclass(
+        self, state: "hashlib._Hash", value: "DataclassInstance"
+    ) -> None:
         """Add a dataclass by its fields; by their digest where it can be kept."""
-        params = type(value).__dataclass_params__
+        params = getattr(type(value), PARAMS)
         if not params.frozen or params.eq:
             self._feed_fields(state, value)
             return
@@ -115,13 +122,13 @@ class Digester:
         state.update(_tag("digest", len(self._of_objects[value])))
         state.update(self._of_objects[value])
 
-    def _feed_fields(self, state: "hashlib._Hash", value: Any) -> None:
+    def _feed_fields(self, state: "hashlib._Hash", value: "DataclassInstance") -> None:
         """Add a dataclass's name, and each field that is compared."""
         self._feed_code(state, type(value))
         compared = {f.name: getattr(value, f.name) for f in fields(value) if f.compare}
         self._feed(state, compared)
 
-    def _feed_code(self, state: "hashlib._Hash", value: Any) -> None:
+    def _feed_code(self, state: "hashlib._Hash", value: Named) -> None:
         """Add the name of a class or function, and the source of another package's."""
         state.update(_tag("code", _name_of(value)))
         module = value.__module__ or ""
@@ -134,12 +141,12 @@ class Digester:
         state.update(self._of_modules[module])
 
 
-def _tag(kind: str, *about: Any) -> bytes:
+def _tag(kind: str, *about: object) -> bytes:
     """What tells a value's kind and size from others, ended by a zero byte."""
     return f"{kind}:{about!r}\0".encode()
 
 
-def _name_of(value: Any) -> str:
+def _name_of(value: Named) -> str:
     """Full name of a class or function."""
     return f"{value.__module__}.{value.__qualname__}"
 

@@ -1,8 +1,5 @@
 """Initial states of a batch: takes hypotheses and segments, gives where each begins."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import mujoco
 import numpy as np
 
@@ -45,7 +42,7 @@ class InitialStates:
         """
         system, hypotheses, segments = self.system, self.hypotheses, self.segments
         variant = hypotheses.variant
-        n, w = len(hypotheses.values), len(segments)
+        n, w = len(hypotheses.models), len(segments)
         qpos, qvel = self._nominal_states(n)
         if initial_state_offset is not None:
             given = system.compiler.nominal
@@ -87,12 +84,14 @@ class InitialStates:
         """Positions (n, W, nq) and velocities (n, W, nv) as each hypothesis reads."""
         system, segments = self.system, self.segments
         given = system.compiler.nominal
-        changes: list[dict[str, Mapping[str, Any]]] = [{} for _ in range(n)]
-        for name, by_kind in self.hypotheses.reading_changes.items():
-            for i, change in enumerate(changes):
-                change[name] = {
-                    k: v[i].tolist() for k, v in by_kind.items() if k != "step"
-                }
+        of_all = self.hypotheses.reading_changes
+        changes = [
+            {
+                name: {k: v[i].tolist() for k, v in by_kind.items() if k != "step"}
+                for name, by_kind in of_all.items()
+            }
+            for i in range(n)
+        ]
         qpos = np.empty((n, len(segments), given.nq))
         qvel = np.empty((n, len(segments), given.nv))
         first_with: dict[str, int] = {}  # most hypotheses change readings alike

@@ -21,8 +21,17 @@ if TYPE_CHECKING:
 _RK4, _IMPLICITFAST = 1, 3  # mujoco.mjtIntegrator
 INERTIA_POSES = 8  # in which joints' inertia is looked at; chosen
 # what fields of MjModel begin with that effects edit, or that follow from an edit
-_EDITED_FIELDS = tuple(
-    "actuator_ body_ dof_ eq_ geom_ jnt_ qpos site_ tendon_ opt.".split()
+_EDITED_FIELDS = (
+    "actuator_",
+    "body_",
+    "dof_",
+    "eq_",
+    "geom_",
+    "jnt_",
+    "qpos",
+    "site_",
+    "tendon_",
+    "opt.",
 )
 # those of them that go by what is a mesh, and that no edit changes
 _MESH_FIELDS = "geom_type", "geom_dataid", "geom_aabb", "body_bvhadr", "body_bvhnum"
@@ -169,25 +178,38 @@ class ModelCompiler:
     def __post_init__(self) -> None:
         object.__setattr__(self, "nominal", load_model(self.path))
 
-    def compile_variant(
-        self, terms: Sequence[Term], *, leaping: bool = False, touching: bool = True
+    def compile_variant(self, terms: Sequence[Term]) -> ModelVariant:
+        """Compile the model with the joints that terms add."""
+        return self._find_variant(terms, leaping=False, touching=True)
+
+    def compile_leapfrog(
+        self, terms: Sequence[Term], *, touching: bool
     ) -> ModelVariant:
-        """Compile the model with the joints that terms add.
+        """Compile the model with the joints that terms add, for a leapfrog.
+
+        The RK4 of a single joint, whose velocity acts on no other, becomes a one-stage
+        integrator.
 
         Args:
-            leaping: whether RK4 is to become a one-stage integrator, as a leapfrog has
-                it; only for a single joint, whose velocity acts on no other.
             touching: whether contacts are looked for, which may take half of the time.
         """
+        return self._find_variant(terms, leaping=True, touching=touching)
+
+    def _find_variant(
+        self, terms: Sequence[Term], *, leaping: bool, touching: bool
+    ) -> ModelVariant:
+        """The variant of these terms and options; compiled where it is not yet."""
         import mujoco
 
         given = self.nominal
         leaping = leaping and given.opt.integrator == _RK4 and given.nv == 1
         adding = [
             (t.effect, place)
-            for t in terms if isinstance(t.effect, JointAddition)
-            for place in t.places if isinstance(place, AddedJointPlace)
-        ]  # fmt: skip
+            for t in terms
+            for place in t.places
+            if isinstance(t.effect, JointAddition)
+            and isinstance(place, AddedJointPlace)
+        ]
         key = (leaping, touching, *((e.name, p.added_name) for e, p in adding))
         if key not in self._compiled:
             variant = self._compiled[key] = self._compile(adding)

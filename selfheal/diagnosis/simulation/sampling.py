@@ -1,19 +1,23 @@
 """Samples: takes true signals on a grid of steps, gives readings at sample times."""
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...recording import find_controls, find_output
 from ...recording.actuator_laws import list_control_gains
 from ...recording.data import Floats
-from ..data.robot_summary import Channel
 from ..data.segments import Segments
+from ..effects.commands import CommandGrid
 from ..effects.places import ControlsPlace
 from ..effects.protocols import CommandFilter
 from .batch import Hypotheses
 from .commands import compute_commands
 from .system import RecordedSystem
+
+if TYPE_CHECKING:
+    from mujoco import MjModel
 
 # [steps] by which times differ that are the same; chosen: far above the rounding of a
 # time of hours, far below a step
@@ -71,9 +75,13 @@ def sample_signals(
         if c.kind == "body_orientation" and "delay" in change:
             value /= np.linalg.norm(value, axis=-1, keepdims=True)
         if c.kind == "joint_torque":
-            _correct_torques(
-                system, value[..., 0], c, hypotheses, segments, at, commands
-            )
+            model = hypotheses.models[0]
+            a = model.actuator(c.target).id
+            if not (model.actuator_dyntype[a] or model.actuator_delay[a]):
+                controls = find_controls(model, a)
+                used = _interpolate(commands[..., controls], segments, at)
+                sent = _find_commands(system, hypotheses, segments, at, controls)
+                _correct_torques(value[..., 0], hypotheses.models, a, sent - used)
         gain = change.get("gain", np.ones(1))[:, None, None]
         bias = change.get("bias", np.zeros((1, 1)))[:, None]
         value = gain * value + bias
@@ -85,29 +93,40 @@ def sample_signals(
 
 
 def _correct_torques(
-    system: RecordedSystem,
-    torque: Floats,
-    channel: Channel,
-    hypotheses: Hypotheses,
-    segments: Segments,
-    at: Floats,
-    commands: Floats,
+    torque: Floats, models: Sequence["MjModel"], a: int, change: Floats
 ) -> None:
     """Change torques, in place, to those of the commands that hold at the samples.
 
     The simulation used the mean command of each step, or of half a step earlier.
 
     Args:
-        torque: (n, M) of the actuator [N m or N]; changed.
-        segments: W of them, with M samples.
-        at: (1 or n, M) time of each sample in its segment [steps].
-        commands: (n, W, K, nu) that were used.
+        torque: (n, M) of an actuator [N m or N]; changed.
+        models: (n) of the hypotheses.
+        a: id of the actuator.
+        change: (n, M, c) of its controls, from the commands that were used.
     """
-    model = hypotheses.models[0]
-    a = model.actuator(channel.target).id
-    controls, out = find_controls(model, a), find_output(model, a)
-    if model.actuator_dyntype[a] or model.actuator_delay[a]:
-        return
+    out = find_output(models[0], a)
+    for i, model in enumerate(models):
+        gear = float(model.actuator_gear[out, 0])
+        gains = gear * list_control_gains(model, a)
+        torque[i] += (gains * change[i]).sum(axis=-1)
+        if model.actuator_forcelimited[a]:
+            low, high = np.sort(gear * model.actuator_forcerange[a])
+            torque[i] = np.clip(torque[i], low, high)
+
+
+def _find_commands(
+    system: RecordedSystem,
+    hypotheses: Hypotheses,
+    segments: Segments,
+    at: Floats,
+    controls: Sequence[int],
+) -> Floats:
+    """Commands (1 or n, M, c) of controls that reach the actuators at the samples.
+
+    Args:
+        at: (1 or n, M) time of each sample in its segment [steps].
+    """
     filtered = {
         control
         for term in hypotheses.terms
@@ -115,21 +134,12 @@ def _correct_torques(
         if isinstance(place, ControlsPlace) and isinstance(term.effect, CommandFilter)
         for control in place.controls
     }
-    if not filtered.isdisjoint(controls):
-        reaching = compute_commands(
-            system, hypotheses, segments, centered=False, mean=False
-        ).reshape(commands.shape)
-        sent = _interpolate(reaching[..., controls], segments, at)
-    else:
-        sent = _find_sent_commands(system, segments, at, controls)
-    change = sent - _interpolate(commands[..., controls], segments, at)
-    for i, hypothesis in enumerate(hypotheses.models):
-        gear = float(hypothesis.actuator_gear[out, 0])
-        gains = gear * list_control_gains(hypothesis, a)
-        torque[i] += (gains * change[i]).sum(axis=-1)
-        if hypothesis.actuator_forcelimited[a]:
-            low, high = np.sort(gear * hypothesis.actuator_forcerange[a])
-            torque[i] = np.clip(torque[i], low, high)
+    if filtered.isdisjoint(controls):
+        return _find_sent_commands(system, segments, at, controls)
+    grid = CommandGrid(system.timestep)
+    reaching = compute_commands(system, hypotheses, segments, grid)
+    reaching = reaching.reshape(-1, len(segments), *reaching.shape[1:])
+    return _interpolate(reaching[..., controls], segments, at)
 
 
 def _find_sent_commands(
@@ -138,8 +148,6 @@ def _find_sent_commands(
     """Commands (1 or n, M, c) of controls that were sent last before the samples.
 
     Args:
-        system: whose episodes say what was sent.
-        segments: W of them, with M samples.
         at: (1 or n, M) time of each sample in its segment [steps].
     """
     out = np.empty((*at.shape, len(controls)))

@@ -67,12 +67,10 @@ class SensorReader:
         MuJoCo computes a step's other fields for the state before the step, so qpos and
         qvel must be of that state, too.
         """
-        shape = next(iter(fields.values())).shape[:2]
-        out = np.empty((shape[0] * shape[1], self.width))
-        flat = {k: v.reshape(len(out), *v.shape[2:]) for k, v in fields.items()}
+        out = np.empty((*fields["qpos"].shape[:2], self.width))
         for columns, read in self._readers:
-            out[:, columns] = read(flat)
-        return out.reshape(*shape, self.width)
+            out[..., columns] = read(fields)
+        return out
 
 
 def _find_sensor_rows(
@@ -113,17 +111,17 @@ def _find_link_joints(variant: ModelVariant, terms: Sequence[Term]) -> dict[str,
 def _make_reader(
     model: "MjModel", c: Channel, link_joints: Mapping[str, int]
 ) -> tuple[set[str], Callable]:
-    """Fields that a channel needs, and what reads it (B, width) from them (B, ...)."""
+    """Fields that a channel needs, and what reads it (A, B, width) from them."""
     if c.kind in ("joint_position", "joint_velocity"):
         return set(), _make_joint_reader(model, c, link_joints)
     if c.kind == "joint_torque":
         out = find_output(model, model.actuator(c.target).id)
         gear = float(model.actuator_gear[out, 0])
-        return {"actuator_force"}, lambda b: gear * b["actuator_force"][:, [out]]
+        return {"actuator_force"}, lambda b: gear * b["actuator_force"][..., [out]]
     if c.kind == "sensor":
         s = model.sensor(c.target)
         rows = slice(int(s.adr[0]), int(s.adr[0]) + int(s.dim[0]))
-        return {"sensordata"}, lambda b: b["sensordata"][:, rows]
+        return {"sensordata"}, lambda b: b["sensordata"][..., rows]
     return _make_body_reader(model, c)
 
 
@@ -137,9 +135,9 @@ def _make_joint_reader(
     )
     at = int(getattr(joint, address)[0])
     if c.target not in link_joints:
-        return lambda b: b[field][:, [at]]
+        return lambda b: b[field][..., [at]]
     extra = int(getattr(model.joint(link_joints[c.target]), address)[0])
-    return lambda b: b[field][:, [at]] + b[field][:, [extra]]
+    return lambda b: b[field][..., [at]] + b[field][..., [extra]]
 
 
 def _make_body_reader(model: "MjModel", c: Channel) -> tuple[set[str], Callable]:
@@ -151,17 +149,22 @@ def _make_body_reader(model: "MjModel", c: Channel) -> tuple[set[str], Callable]
     i = model.body(c.target).id
     root = int(model.body_rootid[i])
     if c.kind == "body_position":
-        return {"xpos"}, lambda b: b["xpos"][:, i]
+        return {"xpos"}, lambda b: b["xpos"][..., i, :]
     if c.kind == "body_orientation":
-        return {"xquat"}, lambda b: b["xquat"][:, i]
+        return {"xquat"}, lambda b: b["xquat"][..., i, :]
     if c.kind == "body_angular_velocity":
         return {"cvel", "xmat"}, lambda b: np.einsum(
-            "nji,nj->ni", b["xmat"][:, i].reshape(-1, 3, 3), b["cvel"][:, i, :3]
+            "abji,abj->abi",
+            b["xmat"][..., i, :].reshape(*b["xmat"].shape[:2], 3, 3),
+            b["cvel"][..., i, :3],
         )
     return (
         {"cvel", "xpos", "subtree_com"},
         lambda b: (
-            b["cvel"][:, i, 3:]
-            + np.cross(b["cvel"][:, i, :3], b["xpos"][:, i] - b["subtree_com"][:, root])
+            b["cvel"][..., i, 3:]
+            + np.cross(
+                b["cvel"][..., i, :3],
+                b["xpos"][..., i, :] - b["subtree_com"][..., root, :],
+            )
         ),
     )

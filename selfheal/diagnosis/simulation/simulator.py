@@ -11,6 +11,7 @@ from ...recording.data import Floats
 from ..data.robot_summary import Channel
 from ..data.segments import Segments
 from ..effects.base import Term
+from ..effects.commands import CommandGrid
 from ..effects.places import SignalPlace
 from ..effects.protocols import SensorMap
 from .batch import Hypotheses, center_damping
@@ -23,7 +24,7 @@ from .rollout import simulate_batch
 from .sampling import find_sampled_steps, sample_signals
 from .sensors import SensorReader
 from .system import RecordedSystem
-from .warm_up import has_added_joint, warm_up_added_joints
+from .warm_up import warm_up_added_joints
 
 # [steps] as much as one cannot say when in a step a command acts; chosen: half a step
 # of whoever simulates in quarters, a servo's bus is no better
@@ -173,15 +174,8 @@ class Simulator(RecordedSystem):
         initial = InitialStates(self, hypotheses, segments).compute(
             initial_state_offset
         )
-        if has_added_joint(terms):
-            warm_up_added_joints(self, hypotheses, segments, initial)
-        commands = compute_commands(
-            self,
-            hypotheses,
-            segments,
-            centered=hypotheses.centered,
-            mean=self.centered,
-        )
+        warm_up_added_joints(self, hypotheses, segments, initial)
+        commands = compute_commands(self, hypotheses, segments, hypotheses.grid)
         predicted = simulate_batch(
             hypotheses,
             segments,
@@ -211,21 +205,22 @@ class Simulator(RecordedSystem):
             values: (n, P) of all terms' parameters, a row a hypothesis.
             centered: as `Simulator` has it.
         """
-        variant = self.compiler.compile_variant(
-            terms, leaping=centered, touching=self.has_contact or not centered
+        variant = (
+            self.compiler.compile_leapfrog(terms, touching=self.has_contact)
+            if centered
+            else self.compiler.compile_variant(terms)
         )
         term_values = split_values(terms, values)
         models = variant.build_models(terms, values)
         for model in models:
             model.opt.timestep = self.timestep
-        centered = centered and variant.is_single_stage
-        if centered:
+        leaps = centered and variant.is_single_stage
+        grid = CommandGrid(self.timestep, is_centered=leaps, is_mean=centered)
+        if leaps:
             for model in models:
                 center_damping(model, self.timestep, variant.inverse_inertias)
         changes = collect_reading_changes(terms, term_values, self.channels)
-        return Hypotheses(
-            variant, models, terms, values, term_values, changes, centered
-        )
+        return Hypotheses(variant, models, terms, term_values, changes, grid)
 
     def load_or_compute(self, compute: Callable[[], Arrays]) -> Arrays:
         """Give the arrays of a computation, from the checkpoint if they are there.

@@ -6,9 +6,7 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..data.segments import Segments
-from ..effects.base import Term
 from ..effects.places import AddedJointPlace, SecondJointPlace
-from ..effects.protocols import JointAddition
 from .batch import BatchState, Hypotheses
 from .commands import compute_commands
 from .initial_states import InitialStates
@@ -19,11 +17,6 @@ from .system import RecordedSystem
 # [s] simulated before a segment, in which a gap or a spring inside a gear settles;
 # chosen: several periods of any that shows at the link
 ADDED_JOINT_WARM_UP = 0.3
-
-
-def has_added_joint(terms: Sequence[Term]) -> bool:
-    """Whether a term adds a joint."""
-    return any(isinstance(t.effect, JointAddition) for t in terms)
 
 
 def warm_up_added_joints(
@@ -41,12 +34,12 @@ def warm_up_added_joints(
     Args:
         initial: states of the n W simulations; `qpos` and `qvel` are changed.
     """
+    places = hypotheses.variant.list_added_joints(hypotheses.terms)
     steps = max(1, round(ADDED_JOINT_WARM_UP / system.timestep))
     rows = np.flatnonzero(segments.first_step >= steps)
-    if not len(rows):
+    if not (len(rows) and places):
         return
     n = len(hypotheses.models)
-    places = hypotheses.variant.list_added_joints(hypotheses.terms)
     settled = _simulate_before(system, hypotheses, segments, rows, steps, places)
     q = initial.qpos.reshape(n, len(segments), -1)[:, rows]
     v = initial.qvel.reshape(n, len(segments), -1)[:, rows]
@@ -93,13 +86,7 @@ def _simulate_before(
         hypotheses,
         before,
         InitialStates(system, hypotheses, before).compute(None),
-        compute_commands(
-            system,
-            hypotheses,
-            before,
-            centered=hypotheses.centered,
-            mean=hypotheses.centered,
-        ),
+        compute_commands(system, hypotheses, before, hypotheses.grid),
         SensorReader(hypotheses.variant, make_added_joint_channels(places)),
         np.zeros(0, int),
     )

@@ -63,7 +63,7 @@ def _entries(table: str) -> dict[str, tuple[str, str, str]]:
         own, _, said = line.strip("| ").rpartition(" | ")
         group = own or group
         if effect := re.fullmatch(r"`(\w+)`: (.*)", said):
-            target, semicolon, parameters = effect[2].partition("; ")
+            target, _, parameters = effect[2].partition("; ")
             if group == "measurement":
                 target, parameters = "sensor", effect[2]
             found[effect[1]] = (group, target, parameters)
@@ -98,8 +98,8 @@ def test_an_effect_is_as_the_contract_has_it(name):
     assert (effect.name, effect.group) == (name, group)
     kinds = set(re.findall(r"joint|actuator|body|geom|world|sensor", target))
     assert set(effect.target_kinds) <= kinds
-    declared = {p.name: p.unit for p in effect.parameters if p.name not in
-                BEYOND.get(name, ())}  # fmt: skip
+    beyond = BEYOND.get(name, ())
+    declared = {p.name: p.unit for p in effect.parameters if p.name not in beyond}
     if name in OWN_UNITS:
         assert tuple(declared) == OWN_UNITS[name] and ", ".join(declared) in parameters
     else:

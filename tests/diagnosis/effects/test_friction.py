@@ -10,12 +10,6 @@ from selfheal.diagnosis.effects.terms import is_distinct
 from tests.support.effect_robots import find_elbow_term, largest_change, predict
 
 
-def test_a_friction_that_grows_with_speed_is_no_stribeck_friction(benches):
-    for term in find_effect("stribeck_friction").propose_terms(benches["arm"].robot):
-        assert not term.is_negligible(np.array([0.1, 0.3, 0.1]))
-        assert term.is_negligible(np.array([0.3, 0.1, 0.1]))
-
-
 def test_dry_friction_without_its_peculiarity_is_coulomb_friction(stating):
     b = stating["arm"]
     plain = predict(b, (find_elbow_term(b, "coulomb_friction"), 0.12))

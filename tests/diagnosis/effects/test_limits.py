@@ -1,7 +1,6 @@
 """Limits and friction that a model states and the robot does not have."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -11,11 +10,10 @@ from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.limits import find_nominal_limit
 from selfheal.diagnosis.output.document import list_parameters
 from tests.support.effect_robots import (
+    compile_patched,
     find_elbow_term,
     make_pendulum,
-    write_patch_text,
 )
-from tests.support.patched_models import compile_patch
 from tests.support.recorded_robots import ROBOTS, bench
 
 
@@ -61,9 +59,11 @@ def test_a_limit_beyond_the_stated_one_widens_it(stating):
 
 @pytest.mark.parametrize(
     ("stated", "field"),
-    [('ctrlrange="-2 2" ctrllimited="true"', "actuator_ctrlrange"),
-     ('forcerange="-3 3" forcelimited="true"', "actuator_forcerange")],
-)  # fmt: skip
+    [
+        ('ctrlrange="-2 2" ctrllimited="true"', "actuator_ctrlrange"),
+        ('forcerange="-3 3" forcelimited="true"', "actuator_forcerange"),
+    ],
+)
 def test_a_motor_may_give_more_than_its_ranges_say(stated, field, tmp_path):
     """In the compiled model, and in the text of the patch."""
     servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
@@ -72,8 +72,7 @@ def test_a_motor_may_give_more_than_its_ranges_say(stated, field, tmp_path):
     (term,) = find_effect("torque_saturation").propose_terms(b.robot)
     now = find_nominal_limit(b.robot.model, 0)
     assert term.parameters[0].nominal == now == (4 if "ctrl" in field else 6)
-    text = write_patch_text(b, (term,), np.array([2 * now]))
-    for new in (_edit(b, term, 2 * now), mujoco.MjModel.from_xml_string(text)):
+    for new in (_edit(b, term, 2 * now), compile_patched(b, [term], [2 * now])):
         np.testing.assert_allclose(getattr(new, field)[0, 1], now)
 
 
@@ -91,17 +90,14 @@ def test_a_finding_says_what_the_model_states(stating, benches):
     assert "given" not in list_parameters(none, np.array([0.9, 0.01]), np.zeros(2))[0]
 
 
-def test_the_patch_states_the_new_limits(stating, tmp_path):
+def test_the_patch_states_the_new_limits(stating):
     b = stating["arm"]
     terms = (
         find_elbow_term(b, "hard_stop", side=1),
         find_elbow_term(b, "torque_saturation"),
         find_elbow_term(b, "coulomb_friction"),
     )
-    case = SimpleNamespace(
-        compiler=b.simulator.compiler, training=b.simulator, robot=b.robot
-    )
-    new = compile_patch(case, terms, np.array([0.9, 0.01, 2.4, 0.0]), tmp_path)
+    new = compile_patched(b, terms, [0.9, 0.01, 2.4, 0.0])
     np.testing.assert_allclose(new.joint("elbow").range, (-0.6, 0.9))
     np.testing.assert_allclose(new.actuator("elbow_servo").forcerange, (-2, 2.4))
     assert new.dof_frictionloss[1] == 0

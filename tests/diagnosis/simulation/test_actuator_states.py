@@ -15,9 +15,10 @@ def test_an_integrators_state_goes_on_where_a_segment_begins(states, tmp_path):
     servo = '<position name="servo" joint="hinge" kp="3" kv="0.1"/>'
     speed = '<intvelocity name="servo" joint="hinge" kp="3" actrange="-0.4 0.4"/>'
     robot = replace(
-        ROBOTS["pendulum"], xml=ROBOTS["pendulum"].xml.replace(servo, speed),
+        ROBOTS["pendulum"],
+        xml=ROBOTS["pendulum"].xml.replace(servo, speed),
         begin=lambda rng: (np.zeros(1), np.zeros(1)),
-    )  # fmt: skip
+    )
     how = {"episodes": 1, "seconds": 3.0, "noise": 1e-6, "finer": 1}
     b = bench(robot, tmp_path, states=states, **how)
     segments = cut_readable_segments(b.simulator, 0.5)

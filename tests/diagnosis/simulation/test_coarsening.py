@@ -18,9 +18,9 @@ from tests.support.recorded_robots import ROBOTS, Robot, bench
 
 def _with_noise(simulator: Simulator, share: float) -> Simulator:
     """The simulator of readings with noise, a share of each channel's spread."""
-    channels = [replace(c, noise=c.noise * 0 + share * c.spread)
-                for c in simulator.channels]  # fmt: skip
-    return simulator.with_channels(tuple(channels))
+    noises = [np.full_like(c.noise, share * c.spread) for c in simulator.channels]
+    each = zip(simulator.channels, noises, strict=True)
+    return simulator.with_channels(tuple(replace(c, noise=n) for c, n in each))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_larger_steps_change_less_than_the_noise(simulator):
     ]
     change = np.sqrt(np.mean((predicted[0] - predicted[1]) ** 2, axis=0))
     noise = np.concatenate([c.noise for c in noisy.channels])
-    assert (0 < change).all() and (change < 2 * MAX_COARSENING_ERROR * noise).all()
+    assert (change > 0).all() and (change < 2 * MAX_COARSENING_ERROR * noise).all()
 
 
 def test_readings_without_noise_ask_for_the_models_own_step(simulator):
@@ -63,9 +63,8 @@ def test_a_step_is_no_longer_than_the_time_between_samples(tmp_path):
 
 
 def test_where_something_touches_the_models_own_step_counts(simulator):
-    assert (
-        choose_coarsening(replace(_with_noise(simulator, 1.0), has_contact=True)) == 1
-    )
+    touching = replace(_with_noise(simulator, 1.0), has_contact=True)
+    assert choose_coarsening(touching) == 1
 
 
 def test_its_own_steps_are_those_of_before(simulator):

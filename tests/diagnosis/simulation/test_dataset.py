@@ -1,7 +1,5 @@
 """How recordings are parted in what is fitted and what is held out."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from selfheal.diagnosis.simulation.dataset import (
     cut_readable_segments,
     prepare_dataset,
 )
-from tests.support.recorded_robots import ROBOTS, record
+from tests.support.recorded_robots import ROBOTS, change_readings, record
 
 
 @pytest.mark.parametrize("lost", [0, 1], ids=["where it is fitted", "held out"])
@@ -18,12 +16,13 @@ def test_columns_are_the_same_where_a_signal_is_not_read(lost, tmp_path):
     path = tmp_path / "model.xml"
     path.write_text(ROBOTS["cart_pole"].xml)
     recording = record(ROBOTS["cart_pole"], episodes=2, seconds=0.3)
-    key = list(recording.episodes)[lost]
-    episode = recording.episodes[key]
-    unread = replace(episode.signals["cart"], values=np.full(len(episode.time), np.nan))
-    signals = {**episode.signals, "cart": unread}
-    episodes = {**recording.episodes, key: replace(episode, signals=signals)}
-    dataset = prepare_dataset(path, [replace(recording, episodes=episodes)], ["001"])
+    unread = change_readings(
+        recording,
+        lambda values: values * np.nan,
+        episodes=[list(recording.episodes)[lost]],
+        signals=["cart"],
+    )
+    dataset = prepare_dataset(path, [unread], ["001"])
     fitted, held_out = (
         [(c.name, c.first_column) for c in s.channels]
         for s in (dataset.training, dataset.held_out)

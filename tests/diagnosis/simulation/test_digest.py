@@ -1,7 +1,8 @@
 """A digest changes with all that a computation depends on, and with nothing else."""
 
 import functools
-from collections.abc import Iterator
+import operator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
@@ -10,11 +11,13 @@ import numpy as np
 import pytest
 
 from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.effects.base import Onset
-from selfheal.diagnosis.effects.nominal import build_nominal_terms
+from selfheal.diagnosis.effects.base import Effect, Onset
 from selfheal.diagnosis.estimation.problem import Problem
+from selfheal.diagnosis.simulation.cache import SimulationCache, SimulationCounter
 from selfheal.diagnosis.simulation.dataset import cut_readable_segments
 from selfheal.diagnosis.simulation.digest import Digester, digest_source
+from selfheal.diagnosis.simulation.model_variants import ModelCompiler
+from tests.support.problems import list_nominal_terms
 from tests.support.recorded_robots import Bench, bench
 
 SHARED = {"checkpoint", "counter", "cache", "_compiled"}  # objects, not what is asked
@@ -42,33 +45,27 @@ def problem(pendulum) -> Problem:
 def _terms(pendulum) -> list[Any]:
     (friction,) = load_catalogue()["coulomb_friction"].propose_terms(pendulum.robot)
     late = replace(friction, onset=Onset(0, "a", 1.0, 0.5, 1.5))
-    return [late, build_nominal_terms(pendulum.robot)[0]]
+    return [late, list_nominal_terms(pendulum)[0]]
 
 
-def _change(value: Any) -> Any:
-    """Another value of the same kind."""
-    if value is None:
-        return 0
-    if isinstance(value, bool):
-        return not value
-    if isinstance(value, int | float):
-        return value + 1
-    if isinstance(value, str):
-        return value + "x"
-    if isinstance(value, np.ndarray):
-        if value.dtype == bool:
-            return ~value
-        changed = value.copy()
-        changed.flat[-1] = 7 if np.isnan(changed.flat[-1]) else changed.flat[-1] + 1
-        return changed
-    if isinstance(value, mujoco.MjModel):
-        changed = mujoco.MjModel.from_xml_string("<mujoco/>")
-        return changed
-    if isinstance(value, dict):
-        return {**value, "more": 1}
-    if isinstance(value, tuple):
-        return value[:-1]
-    raise AssertionError(f"say how to change a {type(value).__name__}")
+def _change_last(array: np.ndarray) -> np.ndarray:
+    """Another array: its last value is another."""
+    changed = array.copy()
+    last = changed.flat[-1]
+    changed.flat[-1] = not last if last in (0, 1) else np.nan_to_num(last) + 1
+    return changed
+
+
+CHANGES: dict[type, Callable[[Any], Any]] = {
+    bool: operator.not_,
+    int: lambda x: x + 1,
+    float: lambda x: x + 1,
+    str: lambda x: x + "x",
+    np.ndarray: _change_last,
+    mujoco.MjModel: lambda x: mujoco.MjModel.from_xml_string("<mujoco/>"),
+    dict: lambda x: {**x, "more": 1},
+    tuple: lambda x: x[:-1],
+}
 
 
 def _with(value: Any, name: str, new: Any) -> Any:
@@ -87,9 +84,8 @@ def _variants(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             old, name = getattr(value, f.name), f"{path}.{f.name}"
             if f.name in SHARED or old is None:
                 continue
-            if not is_dataclass(old) and type(old) is not type(value):
-                if not hasattr(old, "propose_terms"):
-                    yield name, _with(value, f.name, _change(old))
+            if not is_dataclass(old) and not isinstance(old, Effect):
+                yield name, _with(value, f.name, CHANGES[type(old)](old))
             for below, new in _variants(old, name):
                 yield below, _with(value, f.name, new)
     elif isinstance(value, tuple) and value and is_dataclass(value[0]):
@@ -106,30 +102,31 @@ def test_every_field_of_a_problem_and_its_terms_changes_the_digest(pendulum, pro
             other = tuple(changed if i == part else q for i, q in enumerate(question))
             assert Digester().digest(other) != original, name
             names.append(name)
-    kinds = (".segments.readings", ".simulator.channels[0].ar1", ".simulator.timestep",
-             ".simulator.compiler.nominal", ".simulator.episodes[0].sent_ctrl",
-             ".simulator.episodes[0].polynomials.scatter", ".marginal_bases",
-             "[0].places", "[0].onset.time", "[0].parameters[0].high",
-             ".simulator.has_contact", ".centered")  # fmt: skip
-    assert set(kinds) <= set(names) and len(names) > 50
+    kinds = """.segments.readings .simulator.channels[0].ar1 .simulator.timestep
+        .simulator.compiler.nominal .simulator.episodes[0].sent_ctrl .centered
+        .simulator.episodes[0].polynomials.scatter .marginal_bases [0].places
+        [0].onset.time [0].parameters[0].high .simulator.has_contact"""
+    assert set(kinds.split()) <= set(names) and len(names) > 50
 
 
 def test_an_equal_problem_has_the_same_digest(pendulum, problem):
-    copied = replace(
-        problem,
-        simulator=replace(pendulum.simulator, cache=None, counter=None),  # type: ignore
-        sigma=problem.sigma.copy(),
+    """Also where its model was compiled anew."""
+    simulator = replace(
+        pendulum.simulator,
+        compiler=ModelCompiler(str(pendulum.path)),
+        cache=SimulationCache(),
+        counter=SimulationCounter(),
     )
+    copied = replace(problem, simulator=simulator, sigma=problem.sigma.copy())
     assert Digester().digest(copied) == Digester().digest(problem)
 
 
 def test_effects_of_one_name_differ_by_their_attributes_and_closures(pendulum):
-    digester = Digester()
-    stated = [t.effect for t in build_nominal_terms(pendulum.robot)]
-    digests = {digester.digest(effect) for effect in stated}
-    assert len(digests) > 1
-    again = [t.effect for t in build_nominal_terms(pendulum.robot)]
-    assert {digester.digest(effect) for effect in again} == digests
+    digester, terms = Digester(), list_nominal_terms(pendulum)
+    digests = [digester.digest(t.effect) for t in terms]
+    assert len(set(digests)) > 1
+    again = list_nominal_terms(pendulum)
+    assert [digester.digest(t.effect) for t in again] == digests
 
 
 def _add(x, y=1):

@@ -63,7 +63,7 @@ def test_contacts_are_not_looked_for_where_nothing_touches(tmp_path):
     path.write_text(MESHES.format(seen=""))
     compiler, touched = ModelCompiler(str(path)), []
     for touching in (True, False):
-        model = compiler.compile_variant([], touching=touching).model
+        model = compiler.compile_leapfrog([], touching=touching).model
         data = mujoco.MjData(model)
         data.qpos[2] = 0.0
         mujoco.mj_forward(model, data)

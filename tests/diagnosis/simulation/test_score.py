@@ -10,7 +10,7 @@ from selfheal.diagnosis.simulation import score
 from selfheal.recording import read
 from tests.support.diagnosis_folder import score_model, write_empty_diagnosis
 from tests.support.problems import Explosion
-from tests.support.recorded_robots import ROBOTS, bench, record
+from tests.support.recorded_robots import ROBOTS, bench, change_readings, record
 
 POSITION_LIKE = ("joint_position", "body_position", "body_orientation", "sensor")
 
@@ -25,12 +25,12 @@ def contract_score(predicted, measured) -> tuple[float, dict[str, float]]:
                 continue
             signal = episode.signals[name]
             true = signal.values.reshape(episode.time.size, -1)
-            told = predicted.episodes[key].signals[name].values.reshape(true.shape)
+            played = predicted.episodes[key].signals[name].values.reshape(true.shape)
             if signal.kind == "body_orientation":
-                wrong = np.sum(true * told, axis=1) < 0
-                told = np.where(wrong[:, None], -told, told)
+                wrong = np.sum(true * played, axis=1) < 0
+                played = np.where(wrong[:, None], -played, played)
             known = np.isfinite(true).all(axis=1)
-            squares += [np.sum((told - true)[known] ** 2, axis=1)]
+            squares += [np.sum((played - true)[known] ** 2, axis=1)]
             read_there += [true[known]]
         spread = np.sqrt(np.concatenate(read_there).var(axis=0).sum())
         each[name] = float(np.sqrt(np.concatenate(squares).mean()) / spread)
@@ -63,27 +63,20 @@ def test_the_score_is_the_contracts(name, tmp_path):
 def _with_gaps(recording):
     """The recording without some of its samples."""
     rng = np.random.default_rng(0)
-    episodes = {}
-    for key, episode in recording.episodes.items():
-        signals = {}
-        for name, signal in episode.signals.items():
-            values = signal.values.copy()
-            values[rng.permutation(len(values))[: len(values) // 5]] = np.nan
-            signals[name] = replace(signal, values=values)
-        episodes[key] = replace(episode, signals=signals)
-    return replace(recording, episodes=episodes)
+
+    def thin(values):
+        values = values.copy()
+        values[rng.permutation(len(values))[: len(values) // 5]] = np.nan
+        return values
+
+    return change_readings(recording, thin)
 
 
 def test_an_orientation_and_its_opposite_are_one(tmp_path):
     model = tmp_path / "model.xml"
     model.write_text(ROBOTS["box"].xml)
     recording = record(ROBOTS["box"], seconds=0.3)
-    flipped = {}
-    for key, episode in recording.episodes.items():
-        turn = episode.signals["turn"]
-        signals = {**episode.signals, "turn": replace(turn, values=-turn.values)}
-        flipped[key] = replace(episode, signals=signals)
-    other = replace(recording, episodes=flipped)
+    other = change_readings(recording, np.negative, signals=["turn"])
     assert score_model(model, other)[0] == pytest.approx(
         score_model(model, recording)[0]
     )

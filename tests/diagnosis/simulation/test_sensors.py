@@ -1,6 +1,7 @@
 """Predicted readings are those of the moment at which they are read."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,19 +20,12 @@ def test_motion_is_sensed_to_second_order_in_the_step(acting, tmp_path):
     terms = [find_effect(name).propose_terms(b.robot)[0] for name in acting]
     # little: a drag by the speed of half a step before is of first order
     values = 0.01 * np.concatenate([np.zeros(0), *(t.initial_values[0] for t in terms)])
-    worlds = [
-        b.simulator,
-        b.simulator.with_half_step,
-        b.simulator.with_half_step.with_half_step,
-    ]
-    predicted = []
-    for simulator in worlds:
+    simulator, predicted = b.simulator, []
+    for _ in range(3):
         segments = cut_segments(simulator.episodes, None)
         predicted.append(simulator.leapfrog.simulate(terms, values[None], segments)[0])
-    coarse, fine = (
-        np.abs(a - b).max(axis=0)
-        for a, b in zip(predicted, predicted[1:], strict=False)
-    )
+        simulator = simulator.with_half_step
+    coarse, fine = (np.abs(a - b).max(axis=0) for a, b in pairwise(predicted))
     assert (coarse > 3 * fine - 1e-12).all()  # 2 if of first order, and 4
 
 

@@ -1,8 +1,7 @@
 """Gravity compensation by a robot's controller: one value for all that it carries."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from ....recording.data import Floats
 from ...data.robot_summary import RobotSummary
 from ..base import Term
 from ..by_target import WorldEffect
-from ..declaration import UNUSUAL, USUAL, ParameterSpec, Proposal
+from ..declaration import UNUSUAL, USUAL, Finding, ParameterSpec, Proposal
 from ..places import Place
 from ..protocols import ModelEdit
 
@@ -76,7 +75,7 @@ class GravityCompensation(WorldEffect, ModelEdit[BodiesPlace]):
         place = BodiesPlace(bodies=bodies)
         return [self.make_term("world", place, Proposal((p,), starts, odds))]
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         return BodiesPlace(bodies=find_compensated_bodies(model))
 
     def edit_model(self, model: "MjModel", place: BodiesPlace, values: Floats) -> None:

@@ -1,7 +1,7 @@
 """One value for all motors of a robot: a shift of clocks, a torque constant."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..commands import (
     change_columns,
     delay_column,
 )
-from ..declaration import SELDOM, ParameterSpec, Proposal
+from ..declaration import SELDOM, Finding, ParameterSpec, Proposal
 from ..places import ControlsPlace, Place, SignalPlace
 from ..protocols import CommandFilter, ModelEdit, SensorMap
 
@@ -54,7 +54,7 @@ class ClockShift(WorldEffect, CommandFilter[ControlsPlace]):
         starts = ((0.005,), (0.02,), (0.06,), (-0.02,))
         return [self.make_term("world", place, Proposal((p,), starts))]
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         return ControlsPlace(controls=tuple(range(model.nu)))
 
     def transform_command(
@@ -95,7 +95,7 @@ class TorqueConstant(WorldEffect, ModelEdit[SignalPlace], SensorMap[SignalPlace]
         proposal = Proposal((p,), ((0.7,), (1.4,)))
         return [self.make_term("world", SignalPlace(kind=TORQUE_SIGNAL), proposal)]
 
-    def find_place(self, model: "MjModel", finding: Mapping[str, Any]) -> Place:
+    def find_place(self, model: "MjModel", finding: Finding) -> Place:
         return SignalPlace(kind=TORQUE_SIGNAL)
 
     def edit_model(self, model: "MjModel", place: SignalPlace, values: Floats) -> None:
