@@ -96,10 +96,6 @@ class FitSettings:
     which values of several trees are differenced together. Chosen: far below the share
     by which a Jacobian of differences is wrong."""
 
-    coupling_segments: int = 1
-    """Segments in which such a coupling is looked for. Chosen: where nothing touches,
-    what couples trees acts at all times."""
-
     max_difference: float = 0.1
     """Change of the residuals by a difference over the residuals, above which it is
     repeated over a smaller step. Chosen: a step of the fit changes them by as much as
@@ -121,8 +117,6 @@ class FitSettings:
     undamped_min_gain: float = 0.05
     """Fall of the cost that the quadratic model must predict for another undamped step.
     Chosen: values then move by a fifth of a standard error."""
-
-    # One more term beside a fit
 
     # Initial states
 
