@@ -3,7 +3,8 @@
 import os
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from .effects import load_catalogue
 from .effects.base import Onset, Term
 from .effects.nominal import build_nominal_terms
 from .estimation.problem import (
+    Problem,
     build_longer_problems,
     build_problem,
     check_enough_segments,
@@ -33,7 +35,7 @@ from .selection.holdout import (
     keep_predictive,
     leave_bounds,
 )
-from .selection.hypotheses import finish_early, name_effects, start_search
+from .selection.hypotheses import Hypothesis, finish_early, name_effects, start_search
 from .selection.quantization import name_quantization
 from .selection.refine import refine_hypothesis
 from .selection.replay_scores import HeldOutScores, explainable_removed
@@ -92,104 +94,120 @@ def diagnose(
     """
     begun = time.monotonic() if begun is None else begun
     record = SearchRecord(progress, TimeLeft(begun), is_over)
-
-    def start(held_out: Sequence[str]) -> tuple[_Stages, Onset | None]:
-        """Stages 1 and 2: the recordings, split and checked, and the nominal fit."""
-        record.enter(Stage.READ, "reading")
-        dataset = prepare_dataset(model, recordings, held_out, memory)
-        check_dataset(dataset)
-        if reason := explain_unpatchable(model):
-            what = f"patched.xml will be the model as given: {reason}"
-            record.enter(Stage.READ, what)
-        stages = _Stages(dataset, record, seed)
-        return stages, stages.fit_nominal()
-
-    stages, onset = start(held_out)
-    if onset and not held_out:
-        later = choose_held_out_after(onset, recordings, stages.dataset.held_out)
-        if later:  # what is held out now could not show it
-            stages, _ = start(later)
-    stages.choose_effects()
-    stages.fit_last(findings_only)
-    return stages.test(begun)
+    stages = _Stages(
+        os.fspath(model), recordings, held_out, memory, seed, findings_only, record
+    )
+    if not held_out and (later := stages.list_episodes_after_onset()):
+        stages = replace(stages, held_out=later)  # none held out could show it
+    return stages.answer(begun)
 
 
+@dataclass(eq=False)
 class _Stages:
-    """Stages 2 to 5 of a diagnosis, and what each leaves to the next.
+    """The stages of a diagnosis: each is computed once, from those before it.
 
-    Where time is over in one of them, what it has found so far.
+    Where time is over in one of them, it is what was found so far.
 
     Attributes:
-        dataset: the recordings; after the last fit with the noise that this tells.
+        seed: of the segments of the search.
+        findings_only: whether the last fit leaves what the model states.
     """
 
-    def __init__(self, dataset: Dataset, record: SearchRecord, seed: int) -> None:
-        """`seed`: of the segments of the search."""
-        self.dataset, self._record = dataset, record
-        self._rng = np.random.default_rng(seed)
-        self._problem = build_problem(dataset, SHORT_SEGMENT)
-        check_enough_segments(dataset.training, self._problem)
+    model: str
+    recordings: Sequence[Recording]
+    held_out: Sequence[str]
+    memory: str | os.PathLike[str] | None
+    seed: int
+    findings_only: bool
+    record: SearchRecord
 
-    def fit_nominal(self) -> Onset | None:
+    @cached_property
+    def dataset(self) -> Dataset:
+        """Stage 1: the recordings, split and checked."""
+        self.record.enter(Stage.READ, "reading")
+        dataset = prepare_dataset(
+            self.model, self.recordings, self.held_out, self.memory
+        )
+        check_dataset(dataset)
+        return dataset
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The segments to fit."""
+        training = self.dataset.training
+        if reason := explain_unpatchable(self.model):
+            what = f"patched.xml will be the model as given: {reason}"
+            self.record.enter(Stage.READ, what)
+        problem = build_problem(self.dataset, SHORT_SEGMENT)
+        check_enough_segments(training, problem)
+        return problem
+
+    @cached_property
+    def rng(self) -> np.random.Generator:
+        """Draws segments, in the nominal fit and then in the search."""
+        return np.random.default_rng(self.seed)
+
+    @cached_property
+    def nominal(self) -> tuple[SearchState, Onset | None]:
         """Stage 2: the nominal model's values, and since when they do not explain all.
 
         The model as it is given, where time is over before they are fitted.
         """
-        onset, state, record = None, None, self._record
-        record.enter(Stage.NOMINAL, "refitting what the model states")
-        with record.limit(self.dataset.training, SEARCH_SHARE):
+        onset, state, problem = None, None, self.problem
+        self.record.enter(Stage.NOMINAL, "refitting what the model states")
+        with self.record.limit(problem.simulator, SEARCH_SHARE):
             state = self._start_search(build_nominal_terms(self.dataset.robot))
             onset = None if state.is_explained else detect_change_point(state.best)
-        self._state = state or self._start_search(())
-        candidates = set_onset(self._state.candidates, onset)
-        self._state = replace(self._state, candidates=candidates)
-        return onset
+        state = state or self._start_search(())
+        return replace(state, candidates=set_onset(state.candidates, onset)), onset
 
     def _start_search(self, terms: Sequence[Term]) -> SearchState:
         """The state in which nothing has a name, and these terms are fitted."""
         effects, robot = load_catalogue().values(), self.dataset.robot
-        return start_search(self._problem, robot, terms, effects, self._rng)
+        return start_search(self.problem, robot, terms, effects, self.rng)
 
-    def choose_effects(self) -> None:
-        """Stage 3: a hypothesis of what is missing; held-out episodes choose."""
-        record, problem, state = self._record, self._problem, self._state
-        longer, found = build_longer_problems(self.dataset, problem), None
-        with record.limit(self.dataset.training, SEARCH_SHARE):
-            found = name_effects(state, problem, longer, self._rng, record)
-        found = found or finish_early(record, state, problem)
-        self._hypothesis = choose_hypothesis(self.dataset.held_out, found)
-        self._is_stopped = bool(record.stopped)
-        self._effects = {t.effect.name for t in state.candidates}
-        self._untried = record.list_untried(state.candidates)
-        # each Jacobian of many joints takes as much as the whole program
-        del self._state
-        record.forget_state()
+    def list_episodes_after_onset(self) -> tuple[str, ...]:
+        """Later ones than an onset to hold out, if what is held out is not; or none."""
+        _, onset = self.nominal
+        if not onset:
+            return ()
+        return choose_held_out_after(onset, self.recordings, self.dataset.held_out)
 
-    def fit_last(self, findings_only: bool) -> None:
-        """The last fit of the hypothesis, in more and longer segments.
+    @cached_property
+    def chosen(self) -> Hypothesis:
+        """Stage 3: what is missing; held-out episodes choose of several hypotheses."""
+        (state, _), problem, found = self.nominal, self.problem, list[Hypothesis]()
+        longer = build_longer_problems(self.dataset, problem)
+        with self.record.limit(problem.simulator, SEARCH_SHARE):
+            found = name_effects(state, problem, longer, self.rng, self.record)
+        found = found or finish_early(self.record, state, problem)
+        self.record.end_search(state.candidates)
+        del self.nominal  # each Jacobian takes as much as the whole program
+        return choose_hypothesis(self.dataset.held_out, found)
 
-        Args:
-            findings_only: whether it leaves what the model states.
-        """
-        found, record = self._hypothesis, self._record
-        self.dataset = self.dataset.with_noise_of(found.problem.simulator)
-        record.enter(Stage.LAST_FIT, "fitting everything once more")
-        if findings_only:
-            found = self._hypothesis = hold_stated(found)
-        with record.limit(self.dataset.training, FIT_SHARE):
-            refined = refine_hypothesis(self.dataset, found)
-            refined = keep_predictive(self.dataset.held_out, refined, found)
-            self._hypothesis = leave_bounds(self.dataset, refined)
+    @cached_property
+    def refined(self) -> tuple[Dataset, Hypothesis]:
+        """The last fit of the hypothesis, and the data with the noise that it tells."""
+        found = self.chosen
+        dataset = self.dataset.with_noise_of(found.problem.simulator)
+        self.record.enter(Stage.LAST_FIT, "fitting everything once more")
+        if self.findings_only:
+            found = hold_stated(found)
+        with self.record.limit(dataset.training, FIT_SHARE):
+            refined = refine_hypothesis(dataset, found)
+            refined = keep_predictive(dataset.held_out, refined, found)
+            found = leave_bounds(dataset, refined)
+        return dataset, found
 
-    def test(self, begun: float) -> Diagnosis:
+    def answer(self, begun: float) -> Diagnosis:
         """Stages 4 and 5: which names hold in held-out episodes, and the answer.
 
         Args:
             begun: `time.monotonic()` [s] when all of it began.
         """
-        dataset, record = self.dataset, self._record
+        (dataset, found), record = self.refined, self.record
         record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
-        found, refuted = drop_refuted(dataset.held_out, self._hypothesis)
+        found, refuted = drop_refuted(dataset.held_out, found)
         found = round_effects(found)
         record.enter(Stage.TESTS, "looking for what has no name")
         structure = analyze_remaining(dataset, found)
@@ -218,11 +236,11 @@ class _Stages:
                 is_replay_off=is_replay_off(scores),
                 floor_ratios=tuple(h.floor_ratio for h in scores.horizons),
                 removed=tuple(explainable_removed(h.numbers) for h in scores.horizons),
-                is_stopped=self._is_stopped,
+                is_stopped=record.is_search_stopped,
             )
         )
         tested = TestedHypothesis(found, verdict, scores, structure, refuted)
         answer = build_diagnosis(dataset, tested, begun)
         if not record.stopped:
             return answer
-        return answer.with_stop(record.stopped, len(self._effects), self._untried)
+        return answer.with_stop(record.stopped, record.effects, record.untried)

@@ -34,13 +34,9 @@ def effective_sample_size(problem: Problem, residuals: Floats) -> float:
         residuals: (R) [standard deviations].
     """
     width = problem.segments.readings.shape[1]
-    residuals = residuals.reshape(-1, width)
-    edges = np.searchsorted(
-        problem.segments.segment_of_sample, np.arange(len(problem.segments) + 1)
-    )
     energy, spread = 0.0, 0.0
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
-        for series in residuals[a:b].T:
+    for part in problem.split_by_segment(residuals):
+        for series in part.reshape(-1, width).T:
             squared = float(series @ series)
             if squared > 0:
                 energy += squared
@@ -86,40 +82,20 @@ def standard_errors(fit: Fit) -> Floats:
     jacobian = fit.jacobian[:, is_observed] / norms[is_observed]
     prior = np.diag(prior_precision(fit.terms)[is_observed] / norms[is_observed] ** 2)
     propagation = _Propagation.build(jacobian, prior)
-    usual, clustered = _gradient_covariances(
-        fit.problem, fit.residuals, jacobian, propagation.curvature - prior
-    )
-    variance = np.maximum(
-        propagation.compute_variances(_matrix_root(usual + prior)),
-        propagation.compute_variances(_matrix_root(clustered + prior)),
-    )
-    gradients_of_errors = [
-        jacobian.T @ compute_error()
-        for compute_error in (fit.timestep_error, fit.clock_error)
-    ]
-    variance += sum(
-        propagation.compute_variances(g[:, None]) for g in gradients_of_errors
-    )
-    errors[is_observed] = np.sqrt(variance) / norms[is_observed]
-    return errors
-
-
-def _gradient_covariances(
-    problem: Problem, residuals: Floats, jacobian: Floats, information: Floats
-) -> tuple[Floats, Floats]:
-    """Covariances (P, P) of the gradient A'r: the usual one and that over blocks.
-
-    Args:
-        residuals: (R) r [standard deviations].
-        jacobian: (R, P) A, its columns of length 1.
-        information: (P, P) A'A.
-    """
+    residuals, information = fit.residuals, propagation.curvature - prior
     gradients = np.stack(
-        [jacobian[rows].T @ residuals[rows] for rows in list_block_rows(problem)]
+        [jacobian[b].T @ residuals[b] for b in list_block_rows(fit.problem)]
     )
     count, free = len(gradients), len(residuals) - len(jacobian.T)
     usual = information * float(residuals @ residuals) / max(free, 1)
-    return usual, gradients.T @ gradients * count / max(count - 1, 1)
+    clustered = gradients.T @ gradients * count / max(count - 1, 1)
+    variance = np.maximum(
+        *(propagation.compute_variances(_root(c + prior)) for c in (usual, clustered))
+    )
+    changes = [jacobian.T @ error() for error in (fit.timestep_error, fit.clock_error)]
+    variance += sum(propagation.compute_variances(g[:, None]) for g in changes)
+    errors[is_observed] = np.sqrt(variance) / norms[is_observed]
+    return errors
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +142,7 @@ class _Propagation:
         return ((self.eigenvectors * kept @ along) ** 2).sum(axis=1)
 
 
-def _matrix_root(matrix: Floats) -> Floats:
+def _root(matrix: Floats) -> Floats:
     """(P, P) root with root root' = a positive semidefinite matrix (P, P)."""
     eigenvalues, v = np.linalg.eigh(matrix)
     return np.asarray(v * np.sqrt(np.maximum(eigenvalues, 0.0)))

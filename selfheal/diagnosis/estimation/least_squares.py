@@ -14,7 +14,7 @@ where D damps the step (Levenberg 1944, Marquardt 1963). See Nocedal and Wright 
 chapter 10.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -37,50 +37,6 @@ from .quadratic_model import (
 from .settings import FIT
 
 
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """A point that a step leads to, simulated.
-
-    Attributes:
-        point: (P) values there [units of the parameters].
-        cost: there.
-        residuals: (R) there [standard deviations].
-    """
-
-    point: Floats
-    cost: float
-    residuals: Floats
-
-
-def search_dampings(
-    cost: float,
-    propose: Callable[[float], tuple[float, Floats]],
-    evaluate: Callable[[Floats], Sequence[Trial]],
-) -> Trial | None:
-    """Try the least damped step, and all others if it gains too little.
-
-    "Too little" is by the gain ratio: the fall of the cost over the predicted one. The
-    other dampings are one batch, where Marquardt tries one after the other.
-
-    Args:
-        propose: gives the predicted cost and the point (P) of a damping.
-        evaluate: simulates points (n, P).
-
-    Returns:
-        The trial of the lowest cost; None: no step lowers the cost.
-    """
-    best, lowest = None, cost
-    for dampings in FIT.dampings[:1], FIT.dampings[1:]:
-        predicted, points = zip(*map(propose, dampings), strict=True)
-        predicted_gain = cost - min(predicted)
-        for trial in evaluate(np.array(points)):
-            if trial.cost < lowest:
-                best, lowest = trial, trial.cost
-        if cost - lowest > FIT.min_gain_ratio * predicted_gain:
-            break
-    return best
-
-
 def fit_parameters(
     problem: Problem,
     terms: Sequence[Term],
@@ -88,7 +44,6 @@ def fit_parameters(
     *,
     iterations: int = FIT.iterations,
     jacobian: Floats | None = None,
-    only_updates: bool = False,
 ) -> Fit:
     """Fit the values of terms by damped Gauss-Newton iterations within bounds.
 
@@ -97,15 +52,26 @@ def fit_parameters(
         start: (P) values to begin with [units of the parameters].
         iterations: of them, at most.
         jacobian: (R, P) a Jacobian near the start; None: by differences.
-        only_updates: whether that Jacobian is only updated, which costs next to
-            nothing.
     """
-    terms = tuple(terms)
-    compute = partial(
-        _run_gauss_newton, problem, terms, start, iterations, jacobian, only_updates
-    )
-    values, residuals, last = problem.simulator.load_or_compute(compute)
-    return Fit(problem, terms, values, residuals, last)
+    solver = _GaussNewton(problem, tuple(terms), only_updates=False)
+    return solver.fit(start, iterations, jacobian)
+
+
+def fit_by_updates(
+    problem: Problem,
+    terms: Sequence[Term],
+    start: Floats,
+    iterations: int,
+    jacobian: Floats,
+) -> Fit:
+    """A fit whose Jacobian (R, P) is only updated, which costs next to nothing.
+
+    Args:
+        start: (P) values to begin with [units of the parameters].
+        iterations: of them, at most.
+    """
+    solver = _GaussNewton(problem, tuple(terms), only_updates=True)
+    return solver.fit(start, iterations, jacobian)
 
 
 def fit_one_more(fit: Fit, term: Term, start: Floats, iterations: int) -> Fit:
@@ -115,20 +81,13 @@ def fit_one_more(fit: Fit, term: Term, start: Floats, iterations: int) -> Fit:
         start: (p) values of it to begin with [units of its parameters].
         iterations: at most, of all values.
     """
-    terms, values = (*fit.terms, term), np.append(fit.values, start)
-    residuals = fit.problem.residuals_at(terms, values)
-    count = len(fit.values)
-    own = compute_jacobian(fit.problem, terms, values, residuals, count)
+    problem, terms = fit.problem, (*fit.terms, term)
+    values, count = np.append(fit.values, start), len(fit.values)
+    residuals = problem.residuals_at(terms, values)
+    own = compute_jacobian(problem, terms, values, residuals, count)
     jacobian = np.hstack([fit.jacobian, own])
     jacobian[:, find_overridden(term, fit.terms)] = 0.0
-    return fit_parameters(
-        fit.problem,
-        terms,
-        values,
-        iterations=iterations,
-        jacobian=jacobian,
-        only_updates=True,
-    )
+    return fit_by_updates(problem, terms, values, iterations, jacobian)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,129 +105,128 @@ class _Iterate:
     is_coarse: bool = False
 
 
-def _run_gauss_newton(
-    problem: Problem,
-    terms: tuple[Term, ...],
-    start: Floats,
-    iterations: int,
-    jacobian: Floats | None,
-    only_updates: bool,
-) -> Arrays:
-    """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`.
+@dataclass(frozen=True, eq=False)
+class _GaussNewton:
+    """Fits the values of some terms; `only_updates`: no Jacobian is differenced."""
 
-    Each iteration proposes damped steps from the linearization and simulates them. The
-    best one is accepted, and the Jacobian there updated or differenced. An update costs
-    next to nothing and counts as half an iteration. The Jacobian is also differenced
-    where steps from one that was updated or given save little, in contact once they
-    saved a tenth, and at the end. The iterations stop where they save little, or no
-    step saves anything.
-    """
-    low, high, _ = stack_bounds(terms)
-    x = np.clip(np.asarray(start, float), low, high)
-    r = problem.residuals_at(terms, x)
-    if jacobian is None:
-        now = _linearize(problem, terms, x, r)
-    else:
-        now = _Iterate(x, r, jacobian, is_stale=True)
-    left = float(iterations if len(x) else 0)
-    begun = penalized_cost(terms, now.values, now.residuals)
-    while left > 0:
-        cost = penalized_cost(terms, now.values, now.residuals)
-        trial = _search_step(problem, terms, now, cost)
-        is_as_rough = cost > (1 - problem.regime.min_relinearized_gain) * begun
-        if trial is None and (only_updates or not now.is_stale or is_as_rough):
-            break
-        if trial is None:
-            now, begun = _linearize(problem, terms, now.values, now.residuals), cost
-            left -= 1
-            continue
-        gain = cost - trial.cost
-        is_short = only_updates or gain < FIT.broyden_gain * cost
-        now = _accept(problem, terms, now, trial, is_short)
-        left -= 0.5 if now.is_coarse else 1
-        if gain < FIT.min_iteration_gain * cost:
-            if not now.is_coarse:
+    problem: Problem
+    terms: tuple[Term, ...]
+    only_updates: bool
+
+    def fit(self, start: Floats, iterations: int, jacobian: Floats | None) -> Fit:
+        """The fit from a start (P), by the checkpoint if it is there."""
+        run = partial(self._run, start, iterations, jacobian)
+        values, residuals, last = self.problem.simulator.load_or_compute(run)
+        return Fit(self.problem, self.terms, values, residuals, last)
+
+    def _run(self, start: Floats, iterations: int, jacobian: Floats | None) -> Arrays:
+        """Values, residuals and Jacobian of a fit; arguments as of `fit_parameters`.
+
+        Each iteration proposes damped steps from the linearization and simulates them.
+        The best one is accepted, and the Jacobian there updated or differenced. An
+        update costs next to nothing and counts as half an iteration. The Jacobian is
+        also differenced where steps from one that was updated or given save little, in
+        contact once they saved a tenth, and at the end. The iterations stop where they
+        save little, or no step saves anything.
+        """
+        low, high, _ = stack_bounds(self.terms)
+        x = np.clip(np.asarray(start, float), low, high)
+        r = self.problem.residuals_at(self.terms, x)
+        if jacobian is None:
+            now = self._linearize(x, r)
+        else:
+            now = _Iterate(x, r, jacobian, is_stale=True)
+        left = float(iterations if len(x) else 0)
+        begun = penalized_cost(self.terms, now.values, now.residuals)
+        while left > 0:
+            cost = penalized_cost(self.terms, now.values, now.residuals)
+            trial = self._search_step(now, cost)
+            least = self.problem.regime.min_relinearized_gain
+            is_as_rough = cost > (1 - least) * begun
+            if trial is None and (self.only_updates or not now.is_stale or is_as_rough):
                 break
-            now = _linearize(problem, terms, now.values, now.residuals)
-    if now.is_coarse:
-        now = _linearize(problem, terms, now.values, now.residuals)
-    return now.values, now.residuals, now.jacobian
+            if trial is None:
+                now, begun = self._linearize(now.values, now.residuals), cost
+                left -= 1
+                continue
+            lower, x, r = trial
+            gain = cost - lower
+            is_short = self.only_updates or gain < FIT.broyden_gain * cost
+            now = self._accept(now, x, r, is_short)
+            left -= 0.5 if now.is_coarse else 1
+            if gain < FIT.min_iteration_gain * cost:
+                if not now.is_coarse:
+                    break
+                now = self._linearize(now.values, now.residuals)
+        if now.is_coarse:
+            now = self._linearize(now.values, now.residuals)
+        return now.values, now.residuals, now.jacobian
 
+    def _linearize(self, values: Floats, residuals: Floats) -> _Iterate:
+        """The iterate at values (P) with a Jacobian of differences."""
+        jacobian = compute_jacobian(self.problem, self.terms, values, residuals)
+        return _Iterate(values, residuals, jacobian, is_stale=False)
 
-def _linearize(
-    problem: Problem, terms: Sequence[Term], values: Floats, residuals: Floats
-) -> _Iterate:
-    """The iterate with a Jacobian of differences.
+    def _search_step(
+        self, now: _Iterate, cost: float
+    ) -> tuple[float, Floats, Floats] | None:
+        """Try the least damped step, and all others if it gains too little.
 
-    Args:
-        values: (P) [units of the parameters].
-        residuals: (R) at the values [standard deviations].
-    """
-    jacobian = compute_jacobian(problem, terms, values, residuals)
-    return _Iterate(values, residuals, jacobian, is_stale=False)
+        "Too little" is by the gain ratio: the fall of the cost over the predicted one.
+        The other dampings are one batch, where Marquardt tries one after the other.
 
+        Args:
+            cost: at the iterate, with the prior [1].
 
-def _search_step(
-    problem: Problem, terms: Sequence[Term], now: _Iterate, cost: float
-) -> Trial | None:
-    """The best of the damped steps from an iterate; None: no step lowers the cost.
+        Returns:
+            The lowest cost, values (P) and residuals (R) there; None: no step lowers
+            the cost.
+        """
+        prior = prior_precision(self.terms)
+        model = QuadraticModel.linearize(
+            self.terms, now.values, now.residuals, now.jacobian
+        )
+        best, lowest = None, cost
+        for dampings in FIT.dampings[:1], FIT.dampings[1:]:
+            steps = [model.solve(damping) for damping in dampings]
+            predicted = min(float(cost + model.predict_change(s)) for s in steps)
+            points = now.values + np.array(steps)
+            residuals = self.problem.compute_residuals(self.terms, points)
+            penalties = (prior * (points - 1) ** 2).sum(axis=1)
+            for x, r, penalty in zip(points, residuals, penalties, strict=True):
+                if (after := float(r @ r + penalty)) < lowest:
+                    best, lowest = (after, x, r), after
+            if cost - lowest > FIT.min_gain_ratio * (cost - predicted):
+                break
+        return best
 
-    Args:
-        cost: there, with the prior [1].
-    """
-    model = QuadraticModel.linearize(terms, now.values, now.residuals, now.jacobian)
-    prior = prior_precision(terms)
+    def _accept(self, old: _Iterate, x: Floats, r: Floats, is_short: bool) -> _Iterate:
+        """The iterate at values (P), its Jacobian updated or differenced.
 
-    def propose(damping: float) -> tuple[float, Floats]:
-        """Predicted cost and point (P) of a damping."""
-        step = model.solve(damping)
-        return float(cost + model.predict_change(step)), now.values + step
+        Where the step was short, or the linear prediction good, Broyden's update does.
+        It also does for further steps where the prediction was wrong by little of what
+        the step gained. In contact it does for nominal values, which are most of the
+        columns; those of effects, which are most of the error, are differenced.
 
-    def evaluate(points: Floats) -> list[Trial]:
-        """Trials at points (n, P)."""
-        residuals = problem.compute_residuals(terms, points)
-        penalties = (prior * (points - 1) ** 2).sum(axis=1)
-        return [
-            Trial(x, float(r @ r + penalty), r)
-            for x, r, penalty in zip(points, residuals, penalties, strict=True)
-        ]
-
-    return search_dampings(cost, propose, evaluate)
-
-
-def _accept(
-    problem: Problem,
-    terms: Sequence[Term],
-    old: _Iterate,
-    trial: Trial,
-    is_short: bool,
-) -> _Iterate:
-    """The iterate at a trial, its Jacobian updated or differenced.
-
-    Where the step was short, or the linear prediction good, Broyden's update does. It
-    also does for further steps where the prediction was wrong by little of what the
-    step gained. In contact it does for nominal values, which are most of the columns;
-    those of effects, which are most of the error, are differenced.
-
-    Args:
-        is_short: whether the step gained little.
-    """
-    x, r = trial.point, trial.residuals
-    _, _, scale = stack_bounds(terms)
-    step, change = x - old.values, r - old.residuals
-    error = change - old.jacobian @ step
-    update = partial(update_broyden, old.jacobian, step, change, scale)
-    if is_short or error @ error < FIT.broyden_error * (r @ r):
-        return _Iterate(x, r, update(), old.is_stale, old.is_coarse)
-    if not problem.regime.is_nonsmooth:
-        gain = old.residuals @ old.residuals - r @ r
-        if error @ error < FIT.secant_error * gain:
-            return _Iterate(x, r, update(), is_stale=True, is_coarse=True)
-        return _linearize(problem, terms, x, r)
-    count = int(np.count_nonzero(prior_precision(terms)))
-    updated = update()[:, :count]
-    differenced = compute_jacobian(problem, terms, x, r, count)
-    return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
+        Args:
+            r: (R) residuals there.
+            is_short: whether the step gained little.
+        """
+        _, _, scale = stack_bounds(self.terms)
+        step, change = x - old.values, r - old.residuals
+        error = change - old.jacobian @ step
+        update = partial(update_broyden, old.jacobian, step, change, scale)
+        if is_short or error @ error < FIT.broyden_error * (r @ r):
+            return _Iterate(x, r, update(), old.is_stale, old.is_coarse)
+        if not self.problem.regime.is_nonsmooth:
+            gain = old.residuals @ old.residuals - r @ r
+            if error @ error < FIT.secant_error * gain:
+                return _Iterate(x, r, update(), is_stale=True, is_coarse=True)
+            return self._linearize(x, r)
+        count = int(np.count_nonzero(prior_precision(self.terms)))
+        updated = update()[:, :count]
+        differenced = compute_jacobian(self.problem, self.terms, x, r, count)
+        return _Iterate(x, r, np.hstack([updated, differenced]), is_stale=True)
 
 
 def refine_undamped(fit: Fit) -> Fit:

@@ -3,7 +3,6 @@
 The quadratic model of the cost near a fit, with the Jacobian as fitted.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -61,12 +60,9 @@ class LinearizedFit:
 
     @cached_property
     def gradient(self) -> Floats:
-        """(P) half the gradient of the penalized cost at the fit."""
-        return self.gradient_at(self.fit.residuals)
-
-    def gradient_at(self, residuals: Floats) -> Floats:
-        """(P) J'r + Lambda (x - 1) at other residuals r (R)."""
-        return self.fit.jacobian.T @ residuals + self.prior * (self.fit.values - 1)
+        """(P) J'r + Lambda (x - 1): half the gradient of the penalized cost."""
+        fit = self.fit
+        return fit.jacobian.T @ fit.residuals + self.prior * (fit.values - 1)
 
     def drop_residuals(self, rows: np.ndarray) -> tuple[float, Floats]:
         """Predict the fit without some residuals, by one Gauss-Newton step.
@@ -117,11 +113,6 @@ class LinearizedFit:
 
             gain = s' (D'D - D'J H^-1 J'D)^+ s,   s = D'r - D'J H^-1 g.
         """
-        score, own, _ = self._score_changes(residuals)
-        return float(score @ own @ score)
-
-    def _score_changes(self, residuals: Floats) -> tuple[Floats, Floats, Floats]:
-        """Of `estimate_gain` s (n), the pseudoinverse (n, n), and D (R, n)."""
         changes = (residuals - self.fit.residuals).T
         changes = changes / np.maximum(np.linalg.norm(changes, axis=0), FIT.tiny)
         cross = self.fit.jacobian.T @ changes
@@ -129,71 +120,39 @@ class LinearizedFit:
         score = changes.T @ self.fit.residuals - solved.T @ self.gradient
         rest = changes.T @ changes - cross.T @ solved
         own = np.linalg.pinv(rest, rcond=FIT.min_column_share, hermitian=True)
-        return score, own, changes
-
-    @cached_property
-    def _scaled_curvature(self) -> tuple[Floats, Floats]:
-        """Roots (P) of its diagonal, and the curvature (P, P) divided by these."""
-        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))
-        return size, self.curvature / size / size[:, None]
+        return float(score @ own @ score)
 
     @cached_property
     def _inverse_curvature(self) -> Floats:
         """(P, P) pseudoinverse of the curvature, in units of each value's curvature."""
-        size, scaled = self._scaled_curvature
+        size = np.sqrt(np.maximum(np.diagonal(self.curvature), FIT.tiny))
+        scaled = self.curvature / size / size[:, None]
         rounding = len(size) * np.finfo(float).eps
         inverse = np.linalg.pinv(scaled, rcond=rounding, hermitian=True)
         return np.asarray(inverse / size / size[:, None])
 
-    def step_without(self, removed: Sequence[Term]) -> Floats:
-        """The step (P) of all values to the fit without some terms, to first order.
+    def step_without(self, term: Term) -> Floats:
+        """The step (P) of all values to the fit without a term, to first order.
 
-        Theirs go to nominal ones, or to a bound where these are infinite. What they
+        Its own go to nominal ones, or to a bound where these are infinite. What it
         stated anew the model states again, within its bounds (`Fit.restore`).
         """
-        columns, change = self._changes_to_nominal
-        held = np.concatenate([columns[t] for t in removed])
-        restated = self.fit.restated_columns.items()
-        kept = [each for t, each in restated if t not in removed]
+        fit, terms = self.fit, self.fit.terms
+        low, high, _ = stack_bounds(terms)
+        nominal = np.array([p.nominal for t in terms for p in t.parameters], float)
+        change = np.clip(nominal, low, high) - fit.values
+        held = np.flatnonzero([t == term for t in terms for _ in t.parameters])
+        restated = fit.restated_columns.items()
+        kept = [each for t, each in restated if t != term]
         idle = np.array([stated for each in kept for _, stated, _ in each], int)
-        return self.restored.move(
+        base = LinearizedFit.from_fit(fit.restore(terms)) if restated else self
+        return base.move(
             np.append(held, idle), np.append(change[held], np.zeros(len(idle)))
         )
 
-    @cached_property
-    def restored(self) -> "LinearizedFit":
-        """The fit in which all stated values answer as where they were stated anew."""
-        if not self.fit.restated_columns:
-            return self
-        return LinearizedFit.from_fit(self.fit.restore(self.fit.terms))
-
-    @cached_property
-    def _changes_to_nominal(self) -> tuple[dict[Term, np.ndarray], Floats]:
-        """Columns of each term, and by how much each value (P) is not nominal."""
-        terms, values = self.fit.terms, self.fit.values
-        ends = np.cumsum([0, *(len(t.parameters) for t in terms)])
-        columns = {t: np.arange(ends[i], ends[i + 1]) for i, t in enumerate(terms)}
-        low, high, _ = stack_bounds(terms)
-        nominal = np.array([p.nominal for t in terms for p in t.parameters], float)
-        return columns, np.clip(nominal, low, high) - values
-
-    def minimize(self, residuals: Floats) -> tuple[float, Floats]:
-        """Minimize the penalized cost of other residuals over the values of the fit.
-
-        The residuals answer linearly, by the Jacobian of the fit.
-
-        Args:
-            residuals: (R) with the values of the fit [standard deviations].
-
-        Returns:
-            The lowest cost [1], and the step (P) to it [units of the parameters].
-        """
-        values, gradient = self.fit.values, self.gradient_at(residuals)
-        step = self._solve(gradient, np.arange(len(values)))
-        cost = (
-            residuals @ residuals + 2 * gradient @ step + step @ self.curvature @ step
-        )
-        return float(cost + self.prior @ (values - 1) ** 2), step
+    def minimize(self) -> Floats:
+        """The step (P) to the lowest penalized cost [units of the parameters]."""
+        return self._solve(self.gradient, np.arange(len(self.fit.values)))
 
     def _solve(self, gradient: Floats, free: np.ndarray) -> Floats:
         """The step (n) of the parameters `free` (n) within their bounds."""

@@ -23,9 +23,8 @@ from ..data.robot_summary import repeat_by_column
 from ..effects.base import Term
 from .multiple_shooting import (
     StateEstimates,
+    StateSearch,
     build_initial_state_offsets,
-    search_initial_states,
-    try_other_velocities,
 )
 from .problem import Problem, initial_state_std
 from .settings import FIT
@@ -36,18 +35,14 @@ def is_horizon_informative(
 ) -> bool:
     """Whether segments are short enough for the errors of their initial states.
 
-    What these errors cause must stay in the linear range, and must not be much more
-    than in shorter segments. Where it grows too fast, longer segments tell less.
-
-    Args:
-        values: (P) of it [units of the parameters].
+    What these errors cause at values (P) must stay in the linear range, and must not be
+    much more than in shorter segments. Where it grows too fast, longer ones tell less.
     """
-    response, response_if_shorter = (
+    response, if_shorter = (
         _measure_state_response(p, terms, values) for p in (problem, shorter)
     )
-    return response < min(
-        FIT.max_state_response, FIT.max_state_response_growth * response_if_shorter
-    )
+    most = FIT.max_state_response_growth * if_shorter
+    return response < min(FIT.max_state_response, most)
 
 
 def keep_informative(
@@ -57,7 +52,7 @@ def keep_informative(
 
     Args:
         problems: in longer and longer segments; the shortest ones always inform.
-        values: (P) of it [units of the parameters].
+        values: (P) of the terms [units of the parameters].
     """
     kept: list[Problem] = []
     for problem in problems:
@@ -72,12 +67,8 @@ def _measure_state_response(
 ) -> float:
     """Root mean square of what errors of the initial states cause, in some segments.
 
-    Args:
-        values: (P) of it [units of the parameters].
-
-    Returns:
-        All 2 nv errors together, each of one standard deviation [standard deviations of
-        the signals].
+    All 2 nv errors together, each of one standard deviation [standard deviations of
+    the signals], at values (P).
     """
     count = len(problem.segments)
     some = np.linspace(0, count - 1, min(count, FIT.state_response_segments))
@@ -114,7 +105,8 @@ def marginalize_initial_states(
         else problem.initial_state_shift / std
     )
     known = _recall_responses(problem, std)
-    states = search_initial_states(plain, terms, values, start, std, known)
+    search = StateSearch(plain, terms, values, std)
+    states = search.run(start, known)
     count = plain.sum_by_segment(np.ones(len(plain.segment_of_residual)))
     mean_squares = states.cost / np.maximum(count, 1)
     is_outlier = states.is_nonlinear & (
@@ -124,25 +116,20 @@ def marginalize_initial_states(
     is_far = start.any(axis=1) & (is_outlier | (distance > FIT.max_state_offset))
     if is_far.any():
         far = np.flatnonzero(is_far)
-        part, as_read = plain.select(far), np.zeros_like(start[far])
         near = [states.linearizations[w][1] for w in far] if known else []
-        other = search_initial_states(part, terms, values, as_read, std[far], near)
+        other = search.select(far).run(np.zeros_like(start[far]), near)
         states = states.keep_best(far, other)
     if is_outlier.any():
         outliers = np.flatnonzero(is_outlier)
-        part = plain.select(outliers)
-        tried = try_other_velocities(part, terms, values, std[outliers])
-        other = search_initial_states(part, terms, values, tried, std[outliers])
-        states = states.keep_best(outliers, other)
+        part = search.select(outliers)
+        states = states.keep_best(outliers, part.run(part.try_other_velocities()))
     return _eliminate_states(plain, states, std)
 
 
 def _recall_responses(problem: Problem, std: Floats) -> list[Floats]:
-    """Responses (R_w, 2 nv) to one standard deviation of each state, where kept.
+    """Responses (R_w, 2 nv) to one standard deviation (W, 2 nv) of states, where kept.
 
-    Args:
-        problem: that was marginalized, perhaps with other weights.
-        std: (W, 2 nv) standard deviations of the states [rad or m, and per s].
+    The problem was marginalized, perhaps with other weights.
     """
     return [
         slopes * each / np.resize(problem.sigma, (len(slopes), 1))
@@ -157,27 +144,22 @@ def _eliminate_states(problem: Problem, states: StateEstimates, std: Floats) -> 
         problem: whose initial states are as read and certain.
         std: (W, 2 nv) their standard deviations [rad or m, and per s].
     """
-    bases = []
-    for _, response in states.linearizations:
+    responses, bases = [response for _, response in states.linearizations], []
+    for response in responses:
         u, z, _ = np.linalg.svd(response, full_matrices=False)
         bases.append((u, 1 - 1 / np.sqrt(1 + z**2)))
     problem = replace(problem, marginal_bases=tuple(bases))
     if problem.regime.is_nonsmooth:
         slopes = [
             response * np.resize(problem.sigma, (len(response), 1)) / each
-            for (_, response), each in zip(states.linearizations, std, strict=True)
+            for response, each in zip(responses, std, strict=True)
         ]
         problem = replace(problem, state_slopes=tuple(slopes))
     if not states.offset.any():
         return problem
-    responses = [
-        response @ offset
-        for (_, response), offset in zip(
-            states.linearizations, states.offset, strict=True
-        )
-    ]
+    shifts = [s @ o for s, o in zip(responses, states.offset, strict=True)]
     return replace(
         problem,
         initial_state_shift=states.offset * std,
-        shift_response=np.concatenate(responses),
+        shift_response=np.concatenate(shifts),
     )

@@ -5,7 +5,7 @@ state has a normal prior, which is what was read, with its standard deviation.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from .jacobian import respond_to_initial_states
 from .problem import Problem, initial_state_std
 from .quadratic_model import update_broyden
 from .settings import FIT
+
+Linearization = tuple[Floats, Floats]  # residuals (R_w), their response (R_w, 2 nv)
 
 
 def build_initial_state_offsets(simulator: Simulator, segments: Segments) -> Floats:
@@ -46,7 +48,7 @@ class StateEstimates:
     """
 
     offset: Floats
-    linearizations: list[tuple[Floats, Floats]]
+    linearizations: list[Linearization]
     cost: Floats
     is_nonlinear: np.ndarray
 
@@ -63,79 +65,122 @@ class StateEstimates:
         return StateEstimates(offset, linearizations, cost, self.is_nonlinear)
 
 
-def search_initial_states(
-    problem: Problem,
-    terms: Sequence[Term],
-    values: Floats,
-    start: Floats,
-    std: Floats,
-    responses: Sequence[Floats] = (),
-) -> StateEstimates:
-    """Search the likeliest initial states of segments whose response is not linear.
+@dataclass(frozen=True, eq=False)
+class StateSearch:
+    """A search for the likeliest initial states of W segments, at some values.
 
-    Gauss-Newton iterations of all segments at once. Where the response is linear the
-    states stay, for marginalization finds the minimum. In contact, where slopes are
-    rough, responses are only updated from step to step (Broyden 1965).
-
-    Args:
+    Attributes:
         problem: whose initial states are as read and certain.
-        values: (P) of it [units of the parameters].
-        start: (W, 2 nv) offsets to begin with [standard deviations].
+        values: (P) of the terms [units of the parameters].
         std: (W, 2 nv) standard deviations of the states [rad or m, and per s].
-        responses: of each segment (R_w, 2 nv) to one standard deviation of each state,
-            near the values and offsets; none: by differences.
     """
-    offset = start.copy()
 
-    def linearize(chosen: np.ndarray) -> list[tuple[Floats, Floats]]:
-        """Residuals and response of some segments, at their offsets."""
-        part = problem.select(chosen)
+    problem: Problem
+    terms: Sequence[Term]
+    values: Floats
+    std: Floats
+
+    def select(self, chosen: np.ndarray) -> "StateSearch":
+        """The search in segments `chosen` (w)."""
+        return replace(self, problem=self.problem.select(chosen), std=self.std[chosen])
+
+    def run(self, start: Floats, responses: Sequence[Floats] = ()) -> StateEstimates:
+        """Gauss-Newton iterations of all segments at once.
+
+        Where the response is linear the states stay, for marginalization finds the
+        minimum. In contact, where slopes are rough, responses are only updated from
+        step to step (Broyden 1965).
+
+        Args:
+            start: (W, 2 nv) offsets to begin with [standard deviations].
+            responses: of each segment (R_w, 2 nv) to one standard deviation of each
+                state, near the values and offsets; none: by differences.
+        """
+        offset, problem = start.copy(), self.problem
+        active = np.arange(len(offset))
+        if responses:
+            split = problem.split_by_segment(self._compute(offset[None])[0])
+            known = list(zip(split, responses, strict=True))
+        else:
+            known = self._linearize(offset)
+        cost, is_nonlinear = np.zeros(len(offset)), np.zeros(len(offset), bool)
+        for _ in range(problem.regime.state_iterations):
+            now = [known[w] for w in active]
+            step = self.select(active)._step(now, offset[active])
+            is_nonlinear[active] |= step.is_nonlinear
+            cost[active] = step.cost
+            better = np.flatnonzero(step.is_better)
+            active = active[better]
+            if not len(active):
+                break
+            moves = step.offset[better] - offset[active]
+            offset[active] = step.offset[better]
+            if problem.regime.is_nonsmooth:
+                each = zip(better, moves, strict=True)
+                new = [_update_response(now[i], step.residuals[i], m) for i, m in each]
+            else:
+                new = self.select(active)._linearize(offset[active])
+            for w, linearization in zip(active, new, strict=True):
+                known[w] = linearization
+        return StateEstimates(offset, known, cost, is_nonlinear)
+
+    def try_other_velocities(self) -> Floats:
+        """The likeliest of some states with one velocity higher or lower than read.
+
+        A robot with dry friction sticks or slips by how fast it was. From one side of
+        that no slope leads to the other.
+
+        Returns:
+            (W, 2 nv) offsets [standard deviations].
+        """
+        count, width = self.std.shape
+        velocities = FIT.velocity_offset * np.eye(width)[width // 2 :, None]
+        tried = np.concatenate([velocities, -velocities]).repeat(count, axis=1)
+        costs = self._sum_costs(self._compute(tried), tried)
+        return tried[costs.argmin(axis=0), np.arange(count)]
+
+    def _compute(self, offset: Floats) -> Floats:
+        """(n, R) residuals with states off by (n, W, 2 nv) [standard deviations]."""
+        rows = np.tile(self.values, (len(offset), 1))
+        return self.problem.compute_residuals(self.terms, rows, offset * self.std)
+
+    def _sum_costs(self, residuals: Floats, offset: Floats) -> Floats:
+        """(n, W) costs of residuals (n, R) at offsets (n, W, 2 nv)."""
+        each = [self.problem.sum_by_segment(r**2) for r in residuals]
+        return np.array(each) + (offset**2).sum(axis=2)
+
+    def _linearize(self, offset: Floats) -> list[Linearization]:
+        """Residuals and response of each segment at its offset (W, 2 nv)."""
         return respond_to_initial_states(
-            part, terms, values, offset[chosen], std[chosen]
+            self.problem, self.terms, self.values, offset, self.std
         )
 
-    active = np.arange(len(offset))
-    if responses:
-        residuals = problem.compute_residuals(terms, values[None], (offset * std)[None])
-        split = problem.split_by_segment(residuals[0])
-        linearizations = list(zip(split, responses, strict=True))
-    else:
-        linearizations = linearize(active)
-    cost, is_nonlinear = np.zeros(len(offset)), np.zeros(len(offset), bool)
-    for _ in range(problem.regime.state_iterations):
-        part, now = problem.select(active), [linearizations[w] for w in active]
-        step = _step_states(part, terms, values, now, offset[active], std[active])
-        is_nonlinear[active] |= step.is_nonlinear
-        cost[active] = step.cost
-        better = np.flatnonzero(step.is_better)
-        active = active[better]
-        if not len(active):
-            break
-        moves = step.offset[better] - offset[active]
-        offset[active] = step.offset[better]
-        if problem.regime.is_nonsmooth:
-            each = zip(better, moves, strict=True)
-            new = [_update_response(now[i], step.residuals[i], m) for i, m in each]
-        else:
-            new = linearize(active)
-        for w, linearization in zip(active, new, strict=True):
-            linearizations[w] = linearization
-    return StateEstimates(offset, linearizations, cost, is_nonlinear)
-
-
-def _update_response(
-    linearization: tuple[Floats, Floats], residuals: Floats, move: Floats
-) -> tuple[Floats, Floats]:
-    """A segment's linearization after a move (2 nv) of its initial state.
-
-    Args:
-        linearization: residuals (R_w) and response (R_w, 2 nv) before it.
-        residuals: (R_w) after it.
-        move: (2 nv) [standard deviations].
-    """
-    before, response = linearization
-    change = residuals - before
-    return residuals, update_broyden(response, move, change, np.ones(len(move)))
+    def _step(self, known: Sequence[Linearization], offset: Floats) -> "_StateStep":
+        """One Gauss-Newton step of each initial state (W, 2 nv), with a line search."""
+        problem = self.problem
+        best = [
+            _solve_initial_state(r, response, o)
+            for (r, response), o in zip(known, offset, strict=True)
+        ]
+        shares = np.array(FIT.state_step_shares)[:, None, None]
+        tried = offset + shares * (np.array(best) - offset)
+        residuals = self._compute(tried)
+        costs = self._sum_costs(residuals, tried)
+        before = np.array([r @ r for r, _ in known]) + (offset**2).sum(axis=1)
+        each = zip(known, tried[0] - offset, strict=True)
+        predicted = np.concatenate(
+            [r + response @ step for (r, response), step in each]
+        )
+        error = problem.sum_by_segment((residuals[0] - predicted) ** 2)
+        is_nonlinear = error > FIT.state_nonlinearity * before.mean()
+        lowest = costs.argmin(axis=0), np.arange(len(offset))
+        needed = (1 - FIT.min_state_step_gain) * before
+        is_better = is_nonlinear & (costs[lowest] < needed)
+        minimum = problem.sum_by_segment(predicted**2) + (tried[0] ** 2).sum(axis=1)
+        cost = np.where(is_nonlinear, np.minimum(costs[lowest], before), minimum)
+        there = [problem.split_by_segment(r) for r in residuals]
+        chosen = [there[k][w] for w, k in enumerate(lowest[0])]
+        return _StateStep(tried[lowest], chosen, cost, is_nonlinear, is_better)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,86 +198,19 @@ class _StateStep:
     is_better: np.ndarray
 
 
-def _step_states(
-    problem: Problem,
-    terms: Sequence[Term],
-    values: Floats,
-    linearizations: Sequence[tuple[Floats, Floats]],
-    offset: Floats,
-    std: Floats,
-) -> _StateStep:
-    """One Gauss-Newton step of each initial state, with a line search.
-
-    Args:
-        values: (P) of it [units of the parameters].
-        linearizations: of each segment, residuals (R_w) and response (R_w, 2 nv).
-        offset: (v, 2 nv) of the states [standard deviations].
-        std: (v, 2 nv) standard deviations [rad or m, and per s].
-    """
-    best = [
-        _solve_initial_state(r, response, o)
-        for (r, response), o in zip(linearizations, offset, strict=True)
-    ]
-    shares = np.array(FIT.state_step_shares)[:, None, None]
-    tried = offset + shares * (np.array(best) - offset)
-    rows = np.tile(values, (len(tried), 1))
-    residuals = problem.compute_residuals(terms, rows, tried * std)
-    costs = [problem.sum_by_segment(r**2) for r in residuals] + (tried**2).sum(axis=2)
-    before = np.array([r @ r for r, _ in linearizations]) + (offset**2).sum(axis=1)
-    predicted = np.concatenate(
-        [
-            r + response @ step
-            for (r, response), step in zip(
-                linearizations, tried[0] - offset, strict=True
-            )
-        ]
-    )
-    error = problem.sum_by_segment((residuals[0] - predicted) ** 2)
-    is_nonlinear = error > FIT.state_nonlinearity * before.mean()
-    lowest = costs.argmin(axis=0), np.arange(len(offset))
-    needed = (1 - FIT.min_state_step_gain) * before
-    is_better = is_nonlinear & (costs[lowest] < needed)
-    minimum = problem.sum_by_segment(predicted**2) + (tried[0] ** 2).sum(axis=1)
-    cost = np.where(is_nonlinear, np.minimum(costs[lowest], before), minimum)
-    there = [problem.split_by_segment(r) for r in residuals]
-    chosen = [there[k][w] for w, k in enumerate(lowest[0])]
-    return _StateStep(tried[lowest], chosen, cost, is_nonlinear, is_better)
-
-
-def try_other_velocities(
-    problem: Problem, terms: Sequence[Term], values: Floats, std: Floats
-) -> Floats:
-    """The likeliest of some states with one velocity higher or lower than read.
-
-    A robot with dry friction sticks or slips by how fast it was. From one side of that
-    no slope leads to the other.
-
-    Args:
-        values: (P) of it [units of the parameters].
-        std: (v, 2 nv) standard deviations [rad or m, and per s].
-
-    Returns:
-        (v, 2 nv) offsets [standard deviations].
-    """
-    count, width = std.shape
-    velocities = FIT.velocity_offset * np.eye(width)[width // 2 :, None]
-    tried = np.concatenate([velocities, -velocities]).repeat(count, axis=1)
-    rows = np.tile(values, (len(tried), 1))
-    residuals = problem.compute_residuals(terms, rows, tried * std)
-    costs = np.array([problem.sum_by_segment(r**2) for r in residuals])
-    costs = costs + (tried**2).sum(axis=2)
-    return tried[costs.argmin(axis=0), np.arange(count)]
+def _update_response(
+    linearization: Linearization, residuals: Floats, move: Floats
+) -> Linearization:
+    """The linearization at residuals (R_w) after a move (2 nv) [its deviations]."""
+    before, response = linearization
+    change = residuals - before
+    return residuals, update_broyden(response, move, change, np.ones(len(move)))
 
 
 def _solve_initial_state(residuals: Floats, response: Floats, offset: Floats) -> Floats:
-    """The offset (2 nv) of lowest cost if the response is linear.
+    """The offset (2 nv) of lowest cost if the response S (R_w, 2 nv) is linear.
 
-    (I + S'S) s = S'(S offset - r), all in standard deviations.
-
-    Args:
-        residuals: (R_w) r at the offset.
-        response: (R_w, 2 nv) S of the residuals.
-        offset: (2 nv) of the initial state from what was read.
+    (I + S'S) s = S'(S offset - r), of residuals r (R_w) there [standard deviations].
     """
     curvature = np.eye(len(offset)) + response.T @ response
     target = response.T @ (response @ offset - residuals)

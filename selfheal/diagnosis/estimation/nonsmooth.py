@@ -21,17 +21,11 @@ from .settings import FIT
 
 
 def search_multiples(problem: Problem, terms: Sequence[Term], values: Floats) -> Floats:
-    """Search values at multiples of what they are, one effect's value after the other.
+    """Search values (P) at multiples of what they are, one effect's after the other.
 
     A search by slopes ends in the nearest of many minima. Points are compared by the
-    likelihood of `_choose_likeliest`, for which single readings are too few.
-
-    Args:
-        terms: P parameters in all; nominal values stay.
-        values: (P) to begin with [units of the parameters].
-
-    Returns:
-        (P) likeliest values [units of the parameters].
+    likelihood of `_choose_likeliest`, for which single readings are too few. Nominal
+    values stay.
     """
     if problem.regime.has_single_readings:
         return values
@@ -48,10 +42,7 @@ def search_along_valleys(fit: Fit) -> Floats:
     States that were estimated with other values hold these where they are. So an
     effect's value is moved a little, all other values follow as the quadratic model
     asks, and initial states are estimated there: a profile likelihood. It is not
-    searched where that takes more than `FIT.smoothed_effort`.
-
-    Returns:
-        (P) likeliest values [units of the parameters].
+    searched where that takes more than `FIT.smoothed_effort`. Gives values (P).
     """
     problem, terms, values = fit.problem, fit.terms, fit.values
     base = LinearizedFit.from_fit(fit)
@@ -73,15 +64,7 @@ def search_along_valleys(fit: Fit) -> Floats:
 
 
 def _follow_linearly(base: LinearizedFit, values: Floats, i: np.integer) -> Floats:
-    """Move all values but one to the minimum of the quadratic model.
-
-    Args:
-        values: (P) [units of the parameters].
-        i: number of the value that stays.
-
-    Returns:
-        (P) [units of the parameters].
-    """
+    """Move all values (P) but the i-th to the minimum of the quadratic model."""
     low, high, scale = stack_bounds(base.fit.terms)
     moved, rest = values.copy(), np.arange(len(values)) != i
     gradient = base.gradient + base.curvature @ (values - base.fit.values)
@@ -143,14 +126,7 @@ def _simulation_effort(problem: Problem) -> int:
 def _scale_one_value(
     terms: Sequence[Term], values: Floats, i: np.integer, multiples: Sequence[float]
 ) -> Floats:
-    """Values, and the same with multiples of one of them within its bounds.
-
-    Args:
-        values: (P) [units of the parameters].
-
-    Returns:
-        (1 + n, P) [units of the parameters].
-    """
+    """Values (P), and n multiples of one within its bounds: (1 + n, P)."""
     low, high, _ = stack_bounds(terms)
     points = np.tile(values, (1 + len(multiples), 1))
     points[1:, i] = np.clip(values[i] * np.array(multiples), low[i], high[i])
@@ -168,8 +144,7 @@ def _choose_likeliest(
     which a body falls on another side cannot outweigh all others then.
 
     Args:
-        points: (n, P) [units of the parameters].
-        residuals: n of (R) [standard deviations].
+        points: (n, P) [units of the parameters], with n residuals (R).
     """
     count = problem.sum_by_segment(np.ones(len(problem.segment_of_residual)))
     costs = [np.log(count + problem.sum_by_segment(r**2)).sum() for r in residuals]
@@ -205,7 +180,7 @@ def _take_smoothed_step(
     moved = [simulate(x[None])[0].mean(axis=0) for x in values + np.diag(moves)]
     jacobian = (np.array(moved) - residuals).T / moves
     base = LinearizedFit.from_fit(Fit(problem, terms, values, residuals, jacobian))
-    _, step = base.minimize(residuals)
+    step = base.minimize()
     shares = np.append(0.0, FIT.smoothed_step_shares)[:, None]
     points = np.clip(values + shares * step, low, high)
     prior_penalties = ((points - 1) ** 2) @ base.prior

@@ -75,7 +75,6 @@ def compute_accelerations(
         in_steps: whether they are the change of velocity in a step of the simulation,
             over its length, rather than those of continuous time.
     """
-    values = np.atleast_2d(values)
     model = simulator.compiler.nominal
     numbers = len(moments) * (2 * model.nv**2 + 20 * (model.nv + model.nbody))
     size = max(1, int(MAX_BATCH_NUMBERS / numbers))
@@ -83,16 +82,14 @@ def compute_accelerations(
     inertia, friction = np.empty((*out.shape, model.nv)), np.empty_like(out)
     impedance = np.empty((len(values), model.nv, 2))
     for i in range(0, len(values), size):
-        some = values[i : i + size]
+        some, offset = values[i : i + size], state_offset[i : i + size]
         simulator.counter.add(len(some))
-        hypotheses, initial, ctrl = _begin(
-            simulator, terms, some, moments, state_offset[i : i + size]
-        )
-        found = _forward(
-            hypotheses, moments, initial, ctrl, simulator.timestep, in_steps
-        )
-        for whole, part in zip((out, inertia, friction), found, strict=True):
+        begun = _Begun.build(simulator, terms, some, moments, offset)
+        for whole, part in zip(
+            (out, inertia, friction), begun.forward(in_steps), strict=True
+        ):
             whole[i : i + size] = part.reshape(len(some), len(moments), *part.shape[1:])
+        hypotheses = begun.hypotheses
         dofs = hypotheses.variant.dof
         impedance[i : i + size] = [_find_impedance(m)[dofs] for m in hypotheses.models]
     return Dynamics(out, inertia, friction, impedance)
@@ -123,22 +120,16 @@ def compute_applied_forces(
     moments: Segments,
     state_offset: Floats,
 ) -> Floats:
-    """Forces that the last of some terms adds, a force law.
+    """Forces (n, W, nv) [N m or N] that the last of some terms adds, a force law.
 
-    Args:
-        terms: effects that the given model lacks, none of which adds a joint.
-        values: (n, P) of all terms' parameters, a row a hypothesis.
-        moments: W segments, in whose first states they are.
-        state_offset: (n, W, 2 nv) as of `compute_accelerations`.
-
-    Returns:
-        (n, W, nv) [N m or N].
+    Arguments as of `compute_accelerations`.
     """
-    hypotheses, initial, ctrl = _begin(simulator, terms, values, moments, state_offset)
+    begun = _Begun.build(simulator, terms, values, moments, state_offset)
+    hypotheses, initial = begun.hypotheses, begun.initial
     applied, none = np.zeros_like(initial.qvel), np.zeros(0)
     state = StepState(
         np.tile(moments.first_step * simulator.timestep, len(values)),
-        initial.qpos, initial.qvel, ctrl, none, none, applied, none, None,
+        initial.qpos, initial.qvel, begun.ctrl, none, none, applied, none, None,
         initial.integral_errors, simulator.timestep,
     )  # fmt: skip
     actions = list_actions(hypotheses, len(moments))
@@ -147,80 +138,78 @@ def compute_applied_forces(
     return applied[:, hypotheses.variant.dof].reshape(len(values), len(moments), -1)
 
 
-def _begin(
-    simulator: Simulator,
-    terms: Sequence[Term],
-    values: Floats,
-    moments: Segments,
-    state_offset: Floats,
-) -> tuple[Hypotheses, BatchState, Floats]:
-    """Hypotheses, their states and their mean commands (n W, nu) at the moments.
-
-    Args:
-        terms: effects that the given model lacks.
-        values: (n, P) of all terms' parameters.
-        state_offset: (n, W, 2 nv) as of `compute_accelerations`.
-    """
-    hypotheses = simulator.build_hypotheses(terms, values, centered=False)
-    initial = InitialStates(simulator, hypotheses, moments)
-    around = simulator.cache.load_or_compute(
-        moments, "steps around", lambda: _shift_back(moments)
-    )
-    grid = CommandGrid(simulator.timestep, is_centered=True, is_mean=True)
-    commands = compute_commands(simulator, hypotheses, around, grid)
-    commands = commands[:, : int(moments.lengths.max())]
-    return hypotheses, initial.compute(state_offset), commands.mean(axis=1)
-
-
 def _shift_back(moments: Segments) -> Segments:
     """Segments of the same lengths in whose middles some others begin."""
     first = np.maximum(moments.first_step - moments.lengths // 2, 0)
     return replace(moments, first_step=first)
 
 
-@allow_divergence()
-def _forward(
-    hypotheses: Hypotheses,
-    moments: Segments,
-    initial: BatchState,
-    ctrl: Floats,
-    step: float,
-    in_steps: bool,
-) -> tuple[Floats, Floats, Floats]:
-    """Accelerations (n W, nv) of the given model's joints, inertia, dry friction.
+@dataclass(frozen=True, eq=False)
+class _Begun:
+    """n hypotheses at W moments: their states, and mean commands (n W, nu) there."""
 
-    Args:
-        initial: states of the n W simulations.
-        ctrl: (n W, nu).
-        step: of the simulation [s].
-        in_steps: as `compute_accelerations` has it.
-    """
-    batch = make_batch(hypotheses, initial)
-    bound = set_commands(batch, ctrl)
-    # filled from now on
-    acceleration, packed = batch.bind("qacc"), batch.bind("M")
-    stage = mujoco.mjtStage.mjSTAGE_ACC
-    actions = list_actions(hypotheses, len(moments))
-    losses = [np.array(m.dof_frictionloss) for m in hypotheses.models]
-    friction = np.repeat(losses, len(moments), axis=0)
-    if actions:
-        time = np.tile(moments.first_step * step, len(hypotheses.models))
-        forces = EffectForces(batch, actions, initial.integral_errors, time, step)
-        if any("actuator_torque" in action.effect.needs for action in actions):
-            batch.forward(stage=stage)  # fills what is bound before
-        forces.apply(bound, 0)
-        friction = forces.frictionloss
-    if in_steps:
-        before = batch.bind("qvel").copy()
-        batch.step()
-        acceleration = (batch.bind("qvel") - before) / step
-    else:
-        batch.forward(stage=stage)
-    dofs = hypotheses.variant.dof
-    out = np.array(acceleration[:, dofs])
-    out[find_diverged(batch)] = np.nan
-    inertia = _unpack(hypotheses.variant.model, packed)
-    return out, inertia[:, dofs[:, None], dofs], friction[:, dofs]
+    hypotheses: Hypotheses
+    moments: Segments
+    initial: BatchState
+    ctrl: Floats
+    timestep: float
+
+    @classmethod
+    def build(
+        cls,
+        simulator: Simulator,
+        terms: Sequence[Term],
+        values: Floats,
+        moments: Segments,
+        state_offset: Floats,
+    ) -> "_Begun":
+        """Arguments as of `compute_accelerations`."""
+        hypotheses = simulator.build_hypotheses(terms, values, centered=False)
+        initial = InitialStates(simulator, hypotheses, moments)
+        around = simulator.cache.load_or_compute(
+            moments, "steps around", lambda: _shift_back(moments)
+        )
+        grid = CommandGrid(simulator.timestep, is_centered=True, is_mean=True)
+        commands = compute_commands(simulator, hypotheses, around, grid)
+        commands = commands[:, : int(moments.lengths.max())]
+        state, ctrl = initial.compute(state_offset), commands.mean(axis=1)
+        return cls(hypotheses, moments, state, ctrl, simulator.timestep)
+
+    @allow_divergence()
+    def forward(self, in_steps: bool) -> tuple[Floats, Floats, Floats]:
+        """Accelerations (n W, nv) of the given model's joints, inertia, dry friction.
+
+        Args:
+            in_steps: as `compute_accelerations` has it.
+        """
+        hypotheses, moments, step = self.hypotheses, self.moments, self.timestep
+        batch = make_batch(hypotheses, self.initial)
+        bound = set_commands(batch, self.ctrl)
+        # filled from now on
+        acceleration, packed = batch.bind("qacc"), batch.bind("M")
+        stage = mujoco.mjtStage.mjSTAGE_ACC
+        actions = list_actions(hypotheses, len(moments))
+        losses = [np.array(m.dof_frictionloss) for m in hypotheses.models]
+        friction = np.repeat(losses, len(moments), axis=0)
+        if actions:
+            time = np.tile(moments.first_step * step, len(hypotheses.models))
+            errors = self.initial.integral_errors
+            forces = EffectForces(batch, actions, errors, time, step)
+            if any("actuator_torque" in action.effect.needs for action in actions):
+                batch.forward(stage=stage)  # fills what is bound before
+            forces.apply(bound, 0)
+            friction = forces.frictionloss
+        if in_steps:
+            before = batch.bind("qvel").copy()
+            batch.step()
+            acceleration = (batch.bind("qvel") - before) / step
+        else:
+            batch.forward(stage=stage)
+        dofs = hypotheses.variant.dof
+        out = np.array(acceleration[:, dofs])
+        out[find_diverged(batch)] = np.nan
+        inertia = _unpack(hypotheses.variant.model, packed)
+        return out, inertia[:, dofs[:, None], dofs], friction[:, dofs]
 
 
 def _unpack(model: mujoco.MjModel, packed: Floats) -> Floats:

@@ -6,24 +6,18 @@ An error model says how far hypotheses miss what was read: by the balance of tor
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_restated
-from .likelihood import Whitening
-
-# share of a column's norm that has to be its own, beside those before it; chosen: what
-# is less is the same direction
-OWN_SHARE = 1e-3
-ERROR_ROUNDING = 1e-9  # share of the errors below which a change of them is none
+from .likelihood import Whitening, whiten
 
 
 @dataclass(frozen=True, eq=False)
 class Errors:
-    """Errors of a hypothesis, or of n, and their volume.
+    """Errors of a hypothesis, or of n, and their volume; or derivatives by n values.
 
     Attributes:
         values: (..., R C) of C columns in R rows.
@@ -38,6 +32,23 @@ class Errors:
     volume: Floats
     noise: Floats | None = None
     slack: Floats | float = 0.0
+
+    @property
+    def first(self) -> "Errors":
+        """Those of the first of several hypotheses."""
+        return replace(self, values=self.values[0], volume=self.volume[0])
+
+    @classmethod
+    def join(cls, *parts: "Errors") -> "Errors":
+        """Derivatives of several values in a row."""
+        return cls(
+            np.vstack([p.values for p in parts]),
+            np.concatenate([p.volume for p in parts]),
+        )
+
+    def select(self, chosen: np.ndarray | slice) -> "Errors":
+        """Derivatives by some of the values."""
+        return Errors(self.values[chosen], self.volume[chosen])
 
 
 class ErrorModel(ABC):
@@ -70,12 +81,7 @@ class ErrorModel(ABC):
     def compute_changes(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes of a hypothesis's errors by one more term, at n values.
-
-        Args:
-            terms: of the hypothesis, and the one that is added last.
-            values: (n, P) of all of them [units of the parameters].
-        """
+        """Changes of a hypothesis's errors by its last term, at n values (n, P)."""
         found = self.compute_errors(terms, values)
         return Errors(found.values - errors.values, found.volume - errors.volume)
 
@@ -83,15 +89,18 @@ class ErrorModel(ABC):
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes (K, ...) by what nobody knows, each of one deviation.
+        """Changes (K, ...) at values (1, P) by what nobody knows, of one deviation."""
 
-        Args:
-            values: (1, P) of them [units of the parameters].
-        """
-
+    @property
     @abstractmethod
+    def follows(self) -> np.ndarray:
+        """(R) whether a row follows the one before it in time."""
+
     def whiten(self, errors: Errors) -> Whitening:
         """The whitening of a hypothesis's errors."""
+        values = errors.values.reshape(self.rows, -1)
+        volume = float(np.sum(errors.volume))
+        return whiten(values, errors.noise, volume, self.follows, errors.slack)
 
     @abstractmethod
     def thin(self, share: float) -> "tuple[ErrorModel, np.ndarray]":
@@ -185,82 +194,3 @@ def differentiate(
         (moved.values - errors.values) / step[:, None],
         (moved.volume - errors.volume) / step,
     )
-
-
-def propose_directions(
-    model: ErrorModel,
-    terms: Sequence[Term],
-    values: Floats,
-    errors: Errors,
-    candidates: Sequence[Term],
-) -> list[Direction]:
-    """The directions of all candidates beside a hypothesis.
-
-    Of each candidate there are the derivatives at nominal values, where these are
-    finite, and what each of its initial values changes.
-
-    Args:
-        values: (P) of them [units of the parameters].
-    """
-    return [
-        direction
-        for term in candidates
-        for direction in _propose(model, terms, values, errors, term)
-    ]
-
-
-def _propose(
-    model: ErrorModel,
-    terms: Sequence[Term],
-    values: Floats,
-    errors: Errors,
-    term: Term,
-) -> list[Direction]:
-    """The directions of one candidate; arguments as of `propose_directions`."""
-    nominal = np.array([p.nominal for p in term.parameters])
-    first = np.cumsum([0, *(len(t.parameters) for t in terms)])
-    for k, i in find_restated(term, terms).items():  # which is no more as given
-        nominal[k] *= values[first[i]]
-    points = np.array([np.array(x) for x in dict.fromkeys(term.initial_values)])
-    is_finite = bool(np.isfinite(nominal).all())
-    steps = np.zeros((0, len(nominal)))
-    if is_finite:
-        steps = np.diag(model.derivative_step * term.scale)
-        inside = np.clip(nominal, term.low, term.high)
-        steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
-    tried = np.vstack([nominal + steps, points]) if is_finite else points
-    beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
-    found = model.compute_changes((*terms, term), beside, errors)
-    changes, volumes = found.values, found.volume
-    start = nominal if is_finite else np.full(len(nominal), np.nan)
-    count, out = len(steps), []
-    size = np.linalg.norm(changes, axis=1)
-    is_shown = size > ERROR_ROUNDING * np.linalg.norm(errors.values)  # and no NaN
-    shown = np.flatnonzero(is_shown[:count])
-    if len(shown):
-        unit = 1 / model.derivative_step
-        out.append(
-            Direction(
-                term, start, unit * steps[shown],
-                unit * changes[shown], unit * volumes[shown],
-            )
-        )  # fmt: skip
-    width = 2 if term.is_wave else 1
-    for i in range(count, len(tried) - width + 1, width):
-        a = slice(i, i + width)
-        columns = changes[a]
-        if not is_shown[a].all():
-            continue
-        if len(shown) and not _is_new(columns, changes[shown]):
-            continue
-        unit_steps = tried[a] - start if is_finite else tried[a]
-        out.append(Direction(term, start, unit_steps, columns, volumes[a]))
-    return out
-
-
-def _is_new(columns: Floats, known: Floats) -> bool:
-    """Whether columns (k, n) are no combination of known ones (m, n); NaN are not."""
-    basis, _ = np.linalg.qr(known.T)
-    rest = columns - (columns @ basis) @ basis.T
-    share = np.linalg.norm(rest, axis=1) / np.linalg.norm(columns, axis=1)
-    return bool((share > OWN_SHARE).any())

@@ -158,8 +158,7 @@ class LinearFit:
         p, old = sum(len(t.parameters) for t in terms), self.count
         found = self.model.compute_errors(terms, values[None, :p])
         nuisance = values[p:] @ self.jacobian.values[old:]
-        errors = _take_first(found)
-        errors = replace(errors, values=errors.values + nuisance)
+        errors = replace(found.first, values=found.values[0] + nuisance)
         return replace(self, terms=terms, values=values, errors=errors)
 
     def linearized(self) -> "LinearFit":
@@ -182,42 +181,25 @@ class LinearFit:
         count = self.rows
 
         def cut(errors: Errors) -> Errors:
-            x = errors.values
+            x, slack = errors.values, errors.slack
             x = x.reshape(*x.shape[:-1], count, -1)[..., rows, :]
             noise = None if errors.noise is None else errors.noise[rows]
+            slack = slack[rows] if isinstance(slack, np.ndarray) else slack
             volume = len(rows) / count * errors.volume
-            slack = (
-                errors.slack[rows]
-                if isinstance(errors.slack, np.ndarray)
-                else errors.slack
-            )
             return Errors(x.reshape(*x.shape[:-2], -1), volume, noise, slack)
 
-        return replace(
-            self, model=model, errors=cut(self.errors), jacobian=cut(self.jacobian)
-        )
+        errors, jacobian = cut(self.errors), cut(self.jacobian)
+        return replace(self, model=model, errors=errors, jacobian=jacobian)
 
 
 def _linearize(model: ErrorModel, terms: Sequence[Term], values: Floats) -> LinearFit:
     """A fit at values (P), without nuisances, all of its terms stated ones."""
-    errors = _take_first(model.compute_errors(terms, values[None]))
+    errors = model.compute_errors(terms, values[None]).first
     own = differentiate(model, terms, values, errors)
     other = model.compute_nuisance(terms, values[None], errors)
     values = np.append(values, np.zeros(len(other.values)))
-    return LinearFit(model, tuple(terms), len(terms), values, errors, join(own, other))
-
-
-def _take_first(errors: Errors) -> Errors:
-    """The errors of the first of several hypotheses."""
-    return replace(errors, values=errors.values[0], volume=errors.volume[0])
-
-
-def join(*parts: Errors) -> Errors:
-    """Derivatives of several values in a row."""
-    return Errors(
-        np.vstack([p.values for p in parts]),
-        np.concatenate([p.volume for p in parts]),
-    )
+    jacobian = Errors.join(own, other)
+    return LinearFit(model, tuple(terms), len(terms), values, errors, jacobian)
 
 
 def start_fit(
@@ -290,22 +272,17 @@ def add_terms(
     Args:
         coordinates: (k) of them.
     """
-    new, at = [], 0
-    for d in directions:
-        z = coordinates[at : at + len(d.columns)]
-        at += len(d.columns)
-        new.append(d.compute_values(z))
-    own = np.concatenate(new)
-    p = fit.count
+    ends = np.cumsum([len(d.columns) for d in directions])
+    parts = zip(directions, np.split(coordinates, ends[:-1]), strict=True)
+    own = np.concatenate([d.compute_values(z) for d, z in parts])
+    p, jacobian = fit.count, fit.jacobian
     terms = (*fit.terms, *(d.term for d in directions))
     values = np.concatenate([fit.values[:p], own, fit.values[p:]])
-    added = replace(fit.at(values, terms), jacobian=fit.jacobian)
+    none = Errors(np.zeros((len(own), fit.errors.values.size)), np.zeros(len(own)))
+    parts_of_it = jacobian.select(slice(p)), none, jacobian.select(slice(p, None))
+    jacobian = Errors.join(*parts_of_it)
+    added = replace(fit.at(values, terms), jacobian=jacobian)
     which = _find_touched(terms, len(directions))
-    old = Errors(fit.jacobian.values[:p], fit.jacobian.volume[:p])
-    other = Errors(fit.jacobian.values[p:], fit.jacobian.volume[p:])
-    empty = Errors(np.zeros((len(own), old.values.shape[1])), np.zeros(len(own)))
-    jacobian = join(old, empty, other)
-    added = replace(added, jacobian=jacobian)
     found = differentiate(
         fit.model, terms, values[: p + len(own)], added.plain_errors, which
     )
@@ -320,16 +297,14 @@ def _find_touched(terms: Sequence[Term], count: int) -> list[int]:
     """
     new = terms[-count:]
     targets = [target for t in new for target in t.targets]
-    out: list[int] = []
-    at = 0
-    for t in terms:
-        near = any(
-            a.startswith(b) or b.startswith(a) for a in t.targets for b in targets
+
+    def is_touched(term: Term) -> bool:
+        return term in new or any(
+            a.startswith(b) or b.startswith(a) for a in term.targets for b in targets
         )
-        if near or t in new:
-            out += range(at, at + len(t.parameters))
-        at += len(t.parameters)
-    return out
+
+    touched = [is_touched(t) for t in terms for _ in t.parameters]
+    return np.flatnonzero(touched).tolist()
 
 
 def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
@@ -338,7 +313,7 @@ def remove_terms(fit: LinearFit, removed: Sequence[int]) -> LinearFit:
     for i in removed:
         keep[fit.slices[i]] = False
     terms = tuple(t for i, t in enumerate(fit.terms) if i not in removed)
-    jacobian = Errors(fit.jacobian.values[keep], fit.jacobian.volume[keep])
+    jacobian = fit.jacobian.select(keep)
     less = replace(fit, terms=terms, values=fit.values[keep], jacobian=jacobian)
     return descend(less.at(less.values))
 

@@ -141,11 +141,7 @@ def _mix(
     for _ in range(SCALE_ITERATIONS):
         odds = np.log(share) - np.log1p(-share) + likely[1] - likely[0]
         loose = expit(odds)
-        share = (
-            float(np.clip(loose.mean(), MIN_SHARE, 1 - MIN_SHARE))
-            if len(loose)
-            else 0.5
-        )
+        share = float(np.clip(loose.mean(), MIN_SHARE, 1 - MIN_SHARE))
     precision = (1 - loose) / less + loose / more
     whole = np.logaddexp(np.log1p(-share) + likely[0], np.log(share) + likely[1])
     nats = (whole - 0.5 * (np.log(precision) - square * precision)).sum()

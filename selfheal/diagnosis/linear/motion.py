@@ -23,6 +23,9 @@ MAX_KNOWN = 200  # derivatives of signals at some delay, kept at once
 MAX_READINGS = 16  # of all signals, kept at once
 MOMENTS_PER_WINDOW = 8  # so that a command held for a sample counts by its mean
 
+# value, slope and curvature, and their variances by noise
+Derivatives = tuple[Floats, Floats]
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
@@ -76,7 +79,7 @@ class MeasuredMotion:
     noise: Floats
     speed_noise: Floats
     _quartics: dict[tuple[str, int], Quartics] = field(default_factory=dict)
-    _known: dict[tuple, tuple[Floats, Floats]] = field(default_factory=dict)
+    _known: dict[tuple, Derivatives] = field(default_factory=dict)
     _readings: dict[str, Readings] = field(default_factory=dict)
     _parts: dict[bytes, "MeasuredMotion"] = field(default_factory=dict)
     _doubts: dict[str, Floats] = field(default_factory=dict)
@@ -188,46 +191,13 @@ class MeasuredMotion:
             self._readings[key] = _read_joints(self, changes)
         return self._readings[key]
 
-    def differentiate(self, channel: Channel, delay: float) -> tuple[Floats, Floats]:
-        """Derivatives (3, W) of a signal some time later, and their variances (W, 3).
-
-        Args:
-            delay: by which it is read later [s].
-        """
-        return self._recall(("moments", channel.name, delay), lambda: _differentiate(
-            self, channel, delay
-        ))  # fmt: skip
-
-    def average_derivatives(
-        self, channel: Channel, delay: float
-    ) -> tuple[Floats, Floats]:
-        """Means (3, R) of a signal's derivatives some time later, and their variances.
-
-        Args:
-            delay: by which it is read later [s].
-        """
-        return self._recall(("windows", channel.name, delay), lambda: _average(
-            self, channel, delay
-        ))  # fmt: skip
-
-    def _recall(
-        self, key: tuple, compute: Callable[[], tuple[Floats, Floats]]
-    ) -> tuple[Floats, Floats]:
-        """What was computed before; most hypotheses leave most signals as they are."""
-        if key not in self._known:
-            if len(self._known) >= MAX_KNOWN:
-                self._known.clear()
-            self._known[key] = compute()
-        return self._known[key]
-
 
 def _differentiate(
     motion: MeasuredMotion, channel: Channel, delay: float
-) -> tuple[Floats, Floats]:
-    """As `MeasuredMotion.differentiate` has it."""
+) -> Derivatives:
+    """Derivatives (3, W) of a signal at moments, [s] later, and variances (3, W)."""
     moments, step = motion.moments, motion.simulator.timestep
-    out = np.empty((3, len(moments)))
-    variance = np.empty((len(moments), 3))
+    out, variance = np.empty((2, 3, len(moments)))
     for i in np.unique(moments.episode):
         key = channel.name, int(i)
         if key not in motion._quartics:
@@ -238,24 +208,22 @@ def _differentiate(
                 motion.half_widths[channel.name],
             )
         rows = np.flatnonzero(moments.episode == i)
-        found = motion._quartics[key].differentiate(
-            moments.first_step[rows] * step, delay
+        times = moments.first_step[rows] * step
+        out[:, rows], variance[:, rows] = motion._quartics[key].differentiate(
+            times, delay
         )
-        out[:, rows], variance[rows] = found
     return out, variance * float(channel.noise[0]) ** 2
 
 
-def _average(
-    motion: MeasuredMotion, channel: Channel, delay: float
-) -> tuple[Floats, Floats]:
-    """As `MeasuredMotion.average_derivatives` has it."""
+def _average(motion: MeasuredMotion, channel: Channel, delay: float) -> Derivatives:
+    """Means (3, R) of a signal's derivatives in windows, [s] later, and variances."""
     moments, step = motion.moments, motion.simulator.timestep
     ends = moments.first_step[motion.windows[:, [0, -1]]] * step
     centers = ends.mean(axis=1) + delay
     count = MOMENTS_PER_WINDOW
     half = float(np.diff(ends).max(initial=step)) * (count + 1) / (count - 1) / 2
     episodes = moments.episode[motion.windows[:, 0]]
-    mean, variance = np.empty((3, len(centers))), np.empty((3, len(centers)))
+    mean, variance = np.empty((2, 3, len(centers)))
     for i in np.unique(episodes):
         rows, episode = np.flatnonzero(episodes == i), motion.simulator.episodes[i]
         mean[:, rows], variance[:, rows] = average_derivatives(
@@ -285,29 +253,29 @@ def _read_joints(
         name = model.joint(j).name
         position = signals["joint_position", name]
         change = changes.get(position.name, {})
-        (q, v, a), variance = _undo(motion, position, change)
+        (q, v, a), variance = _undo(motion, _differentiate, position, change)
         gain[:, k] = scale = change.get("gain", 1.0)
-        mean, spread = _undo_means(motion, position, change)
+        mean, spread = _undo(motion, _average, position, change)
         if velocity := signals.get(("joint_velocity", name)):
             change = changes.get(velocity.name, {})
-            (speed, slope, _), other = _undo(motion, velocity, change)
+            (speed, slope, _), other = _undo(motion, _differentiate, velocity, change)
             own = change.get("gain", 1.0)
-            (fast, turn, _), faith = _undo_means(motion, velocity, change)
+            (fast, turn, _), faith = _undo(motion, _average, velocity, change)
             # beside the noise of both, of which the velocity's alone is as it is read
             size = (faith[0] + spread[1]) / (faith[0] + (own / scale) ** 2 * spread[1])
             mismatch.append(own * (fast - mean[1]) * np.sqrt(size))
             doubt = motion._doubts.setdefault(velocity.name, _measure_doubt(
-                (speed - v, variance[:, 1] + other[:, 0]),
-                (slope - a, variance[:, 2] + other[:, 1]),
+                (speed - v, variance[1] + other[0]),
+                (slope - a, variance[2] + other[1]),
                 (fast - mean[1], spread[1] + faith[0]),
                 (turn - mean[2], spread[2] + faith[1]),
             ))  # fmt: skip
-            other, faith = other[:, :2] + doubt[:2], faith[:2] + doubt[2:, None]
-            v = _combine(v, variance[:, 1], speed, other[:, 0])
-            a = _combine(a, variance[:, 2], slope, other[:, 1])
+            other, faith = other[:2] + doubt[:2, None], faith[:2] + doubt[2:, None]
+            v = _combine(v, variance[1], speed, other[0])
+            a = _combine(a, variance[2], slope, other[1])
             mean[1] = _combine(mean[1], spread[1], fast, faith[0])
             mean[2] = _combine(mean[2], spread[2], turn, faith[1])
-            gain[:, k] = 1 / _combine(1 / scale, variance[:, 2], 1 / own, other[:, 1])
+            gain[:, k] = 1 / _combine(1 / scale, variance[2], 1 / own, other[1])
         means[..., k] = mean
         positions[:, k], velocities[:, k], acceleration[:, k] = q, v, a
         dof = int(model.jnt_dofadr[j])
@@ -338,20 +306,22 @@ def _measure_doubt(*each: tuple[Floats, Floats]) -> Floats:
     return np.maximum(found, 0.0)
 
 
-def _undo_means(
-    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float]
-) -> tuple[Floats, Floats]:
-    """Means (3, R) of derivatives of what a signal was of, and their variances."""
-    found, variance = motion.average_derivatives(channel, change.get("delay", 0.0))
-    bias = np.array([np.ravel(change.get("bias", 0.0))[0], 0.0, 0.0])
-    return (found - bias[:, None]) / change.get("gain", 1.0), variance
-
-
 def _undo(
-    motion: MeasuredMotion, channel: Channel, change: Mapping[str, float]
-) -> tuple[Floats, Floats]:
-    """Derivatives (3, W) of what a signal was of, and their variances (W, 3)."""
-    found, variance = motion.differentiate(channel, change.get("delay", 0.0))
+    motion: MeasuredMotion,
+    compute: Callable[[MeasuredMotion, Channel, float], Derivatives],
+    channel: Channel,
+    change: Mapping[str, float],
+) -> Derivatives:
+    """Derivatives (3, n) of what a signal was of, and their variances (3, n).
+
+    Most hypotheses leave most signals as they are: what was computed is kept.
+    """
+    key = compute, channel.name, change.get("delay", 0.0)
+    if key not in motion._known:
+        if len(motion._known) >= MAX_KNOWN:
+            motion._known.clear()
+        motion._known[key] = compute(motion, channel, key[-1])
+    found, variance = motion._known[key]
     bias = np.array([np.ravel(change.get("bias", 0.0))[0], 0.0, 0.0])
     return (found - bias[:, None]) / change.get("gain", 1.0), variance
 

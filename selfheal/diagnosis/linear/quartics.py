@@ -37,7 +37,7 @@ class Quartics:
     variance: Floats
 
     def differentiate(self, at: Floats, delay: float = 0.0) -> tuple[Floats, Floats]:
-        """Value, slope and curvature (3, W) at times, and their variances (W, 3).
+        """Value, slope and curvature (3, W) at times, and their variances (3, W).
 
         All times go over to the next samples' polynomials at the same delay, so that
         errors are smooth in it but there. What is unknown without a delay stays so.
@@ -56,7 +56,7 @@ class Quartics:
         value = a[0] + dt * (a[1] + dt * (a[2] + dt * (a[3] + dt * a[4])))
         slope = a[1] + dt * (2 * a[2] + dt * (3 * a[3] + dt * 4 * a[4]))
         curvature = 2 * a[2] + dt * (6 * a[3] + dt * 12 * a[4])
-        return np.stack([value, slope, curvature]), self.variance[near]
+        return np.stack([value, slope, curvature]), self.variance[near].T
 
 
 def fit_quartics(time: Floats, y: Floats, m: int) -> Quartics:

@@ -8,11 +8,15 @@ import numpy as np
 
 from ...recording.data import Floats
 from ..effects.base import Term
-from ..effects.terms import find_other_forms, is_distinct
+from ..effects.terms import find_other_forms, find_restated, is_distinct
 from ..estimation.quadratic_model import solve_bounded_step
 from .errors import Direction
 from .fit import LinearFit, invert
 
+# share of a column's norm that has to be its own, beside those before it; chosen: what
+# is less is the same direction
+OWN_SHARE = 1e-3
+ERROR_ROUNDING = 1e-9  # share of the errors below which a change of them is none
 RANKED = 60  # moves whose likelihood is computed, those best by its curvature
 LEAST_VOLUME = -0.9  # change of a row's volume, in its first order
 COLLINEAR_SHARE = 1e-4  # of a direction's curvature, that is left beside the others
@@ -22,17 +26,70 @@ BOUND_MARGIN = 1e-6  # scales from a bound within which a value is at it
 Move = tuple[Direction, ...]
 
 
-def name_move(move: Move, *, as_label: bool = False) -> str:
-    """What tells a move from others, whatever its initial values.
+def name_move(move: Move) -> str:
+    """What tells a move from others, whatever its initial values."""
+    return str(move[0].term.key) if len(move) == 1 else label_move(move)
 
-    Args:
-        move: one or more directions.
-        as_label: whether for a reader.
-    """
+
+def label_move(move: Move) -> str:
+    """A move for a reader."""
     if len(move) == 1:
-        return move[0].term.label if as_label else str(move[0].term.key)
+        return move[0].term.label
     effects = dict.fromkeys(d.term.effect.name for d in move)
     return f"{', '.join(effects)} at {len(move)} places"
+
+
+def propose_directions(fit: LinearFit, term: Term) -> list[Direction]:
+    """The directions of a candidate beside a fit.
+
+    They are the derivatives at nominal values, where these are finite, and what each of
+    its initial values changes.
+    """
+    model, terms, errors = fit.model, fit.terms, fit.plain_errors
+    values = fit.values[: fit.count]
+    nominal = np.array([p.nominal for p in term.parameters])
+    first = np.cumsum([0, *(len(t.parameters) for t in terms)])
+    for k, i in find_restated(term, terms).items():  # which is no more as given
+        nominal[k] *= values[first[i]]
+    points = np.array([np.array(x) for x in dict.fromkeys(term.initial_values)])
+    is_finite = bool(np.isfinite(nominal).all())
+    steps = np.zeros((0, len(nominal)))
+    if is_finite:
+        steps = np.diag(model.derivative_step * term.scale)
+        inside = np.clip(nominal, term.low, term.high)
+        steps = np.where((inside + np.diag(steps) > term.high)[:, None], -steps, steps)
+    tried = np.vstack([nominal + steps, points]) if is_finite else points
+    beside = np.hstack([np.tile(values, (len(tried), 1)), tried])
+    found = model.compute_changes((*terms, term), beside, errors)
+    changes, volumes = found.values, found.volume
+    start = nominal if is_finite else np.full(len(nominal), np.nan)
+    count, out = len(steps), []
+    size = np.linalg.norm(changes, axis=1)
+    is_shown = size > ERROR_ROUNDING * np.linalg.norm(errors.values)  # and no NaN
+    shown = np.flatnonzero(is_shown[:count])
+    if len(shown):
+        unit = 1 / model.derivative_step
+        own = (unit * x[shown] for x in (steps, changes, volumes))
+        out.append(Direction(term, start, *own))
+    width = 2 if term.is_wave else 1
+    for i in range(count, len(tried) - width + 1, width):
+        a = slice(i, i + width)
+        columns = changes[a]
+        if not is_shown[a].all():
+            continue
+        if len(shown) and not _is_new(columns, changes[shown]):
+            continue
+        unit_steps = tried[a] - start if is_finite else tried[a]
+        out.append(Direction(term, start, unit_steps, columns, volumes[a]))
+    return out
+
+
+def _is_new(columns: Floats, known: Floats) -> bool:
+    """Whether columns (k, n) are no combination of known ones (m, n); NaN are not."""
+    basis, _ = np.linalg.qr(known.T)
+    rest = columns - (columns @ basis) @ basis.T
+    share = np.linalg.norm(rest, axis=1) / np.linalg.norm(columns, axis=1)
+    return bool((share > OWN_SHARE).any())
 
 
 def can_stand_beside(term: Term, named: Sequence[Term]) -> bool:

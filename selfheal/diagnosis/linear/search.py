@@ -9,20 +9,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..effects.base import Term
+from ..effects.base import Effect, Term
 from ..effects.terms import find_other_forms, is_distinct
 from .cross_validation import compute_gains, is_worth_more
-from .errors import Direction, propose_directions
-from .fit import (
-    LinearFit,
-    add_terms,
-    descend,
-    invert,
-    refine,
-    remove_terms,
-)
+from .errors import Direction
+from .fit import LinearFit, add_terms, descend, invert, refine, remove_terms
 from .likelihood import estimate_independence
-from .ranking import Move, can_stand_beside, list_moves, name_move, rank
+from .ranking import (
+    can_stand_beside,
+    label_move,
+    list_moves,
+    name_move,
+    propose_directions,
+    rank,
+)
 
 TRIED = 5  # moves that are fitted beyond the best one
 NEAR_SHARE = 0.5  # of the best gain, beyond its penalty, by which another is predicted
@@ -78,10 +78,6 @@ class Search:
         nets = [(least * gain - price, fit) for gain, price, _, fit in self._earned]
         return sorted(nets, key=lambda each: -each[0])
 
-    def _sum_prices(self, fit: LinearFit, rows: float) -> float:
-        """Penalty [nats] of all names of a fit."""
-        return sum(self._price(fit, i, rows) for i in range(fit.stated, len(fit.terms)))
-
     def run(self) -> LinearFit:
         """The set of effects after all moves that are worth it, fitted."""
         while self.make_move():
@@ -103,7 +99,7 @@ class Search:
                 self.fit, self.near, self._earned = new, near[:MOST_NEAR], []
                 for term in new.named:
                     if term.key not in before:
-                        self._exchange(term, is_alike=True)
+                        self._exchange(term, [term.effect])
                 self.fit = self._eliminate(self.fit)
                 self.path.append(self.fit)
                 gone = before - {t.key for t in self.fit.named}
@@ -119,23 +115,18 @@ class Search:
         """Remove what is needless, and exchange what has a likelier form."""
         self.fit = self._eliminate(self.fit)
         for term in self.fit.named:
-            self._exchange(term)
+            self._exchange(term, [t.effect for t in self.candidates])
         self.fit = self._eliminate(self.fit)
         self.path.append(self.fit)
 
-    def _exchange(self, term: Term, *, is_alike: bool = False) -> None:
-        """Put another form of a term in its place where that is likelier.
-
-        Args:
-            is_alike: whether only forms of the same effect may.
-        """
-        fit, (share, rows) = self.fit, self._independence()
+    def _exchange(self, term: Term, effects: Sequence[Effect]) -> None:
+        """Put another form of a term, of these effects, in its place if likelier."""
+        fit, (share, rows) = self.fit, self._independence(self.fit)
         rest = [t for t in fit.named if t is not term]
-        forms = find_other_forms(term, self.candidates)
         others = [
             t
-            for t in forms
-            if is_distinct(t, rest) and (t.effect is term.effect or not is_alike)
+            for t in find_other_forms(term, self.candidates)
+            if is_distinct(t, rest) and t.effect in effects
         ]
         if not others:
             return
@@ -212,15 +203,14 @@ class Search:
         """Penalty [nats] of the i-th term of a fit; a wind along a hinge is none."""
         return self._penalty(fit.terms[i], rows, fit.count_felt(i))
 
-    def _independence(self, fit: LinearFit | None = None) -> tuple[float, float]:
-        """Share of independent errors of a fit, and their number; None: of the best.
+    def _independence(self, fit: LinearFit) -> tuple[float, float]:
+        """Share of independent errors of a fit, and their number.
 
         What a fit misses is alike from row to row. So whether a move is worth it, the
         errors with it tell, for without it they are no noise.
         """
-        whitening = (fit or self.fit).whitening
-        share = estimate_independence(whitening)
-        return share, share * whitening.errors.size
+        share = estimate_independence(fit.whitening)
+        return share, share * fit.whitening.errors.size
 
     def _propose(self) -> list[Direction]:
         """Directions of the candidates that may be asked for, seen in some rows.
@@ -246,12 +236,16 @@ class Search:
     def _select(self, directions: Sequence[Direction]) -> LinearFit | None:
         """The fit with the move that lowers the cost most, beyond its penalty."""
         fit, size = self.fit, self.fit.whitening.errors.size
-        moves = [m for m in list_moves(fit, directions) if self._is_open(m)]
-        ranked = rank(fit, moves)
+        moves = list_moves(fit, directions)
+        # none that was tried in vain since the directions were computed
+        ranked = rank(fit, [m for m in moves if name_move(m) not in self._excluded])
         if not self.first_ranking:
             singles = ((m[0].term, gain) for gain, m, _ in ranked if len(m) == 1)
             self.first_ranking = tuple((t, np.exp(-2 * g / size)) for t, g in singles)
-        most = {id(m): gain - self._sum_penalties(m, size) for gain, m, _ in ranked}
+        most = {
+            id(m): gain - sum(self._penalty(d.term, size) for d in m)
+            for gain, m, _ in ranked
+        }
         ranked.sort(key=lambda each: -most[id(each[1])])
         earned = self._earned = []
         best, worse, failed = 0.0, 0, 0
@@ -261,7 +255,7 @@ class Search:
             is_far = most[id(move)] < NEAR_SHARE * best
             if is_far or worse == TRIED or failed == most_failed:
                 break
-            self.say(f"trying {name_move(move, as_label=True)}", len(fit.named))
+            self.say(f"trying {label_move(move)}", len(fit.named))
             tried = self._eliminate(add_terms(fit, move, coordinates))
             gain, price, share = self._compare(tried)
             # a Jacobian held too long misleads, or leads nowhere
@@ -285,16 +279,11 @@ class Search:
     def _compare(self, tried: LinearFit) -> tuple[float, float, float]:
         """What a fit gains [nats], by how much it has to, and its share of rows."""
         share, rows = self._independence(tried)
-        price, before = (self._sum_prices(f, rows) for f in (tried, self.fit))
+        price, before = (
+            sum(self._price(f, i, rows) for i in range(f.stated, len(f.terms)))
+            for f in (tried, self.fit)
+        )
         return self.fit.cost - tried.cost, price - before, share
-
-    def _sum_penalties(self, move: Move, rows: float) -> float:
-        """[nats] by which a move has to lower the cost."""
-        return sum(self._penalty(d.term, rows) for d in move)
-
-    def _is_open(self, move: Move) -> bool:
-        """Whether a move was not tried in vain since the directions were computed."""
-        return name_move(move) not in self._excluded
 
     def _eliminate(self, fit: LinearFit) -> LinearFit:
         """The fit without terms whose removal costs less than their penalty."""
@@ -355,5 +344,4 @@ class Search:
 
 def _differentiate(fit: LinearFit, terms: Sequence[Term]) -> list[Direction]:
     """Directions of some terms beside a fit."""
-    values = fit.values[: fit.count]
-    return propose_directions(fit.model, fit.terms, values, fit.plain_errors, terms)
+    return [d for term in terms for d in propose_directions(fit, term)]

@@ -17,7 +17,7 @@ from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
 from ..simulation.simulator import COMMAND_LATENESS
 from .errors import ErrorModel, Errors
-from .likelihood import Whitening, estimate_scale, whiten
+from .likelihood import estimate_scale
 
 SCREENED_SEGMENTS = 8  # in which all candidates are tried; a third of a search's
 
@@ -69,13 +69,10 @@ class SegmentErrors(ErrorModel):
     def compute_nuisance(
         self, terms: Sequence[Term], values: Floats, errors: Errors
     ) -> Errors:
-        """Changes (K, ...) of errors by what nobody knows, each of one deviation.
+        """Changes (K, ...) at values (1, P) by what nobody knows, of one deviation.
 
         Commands that act half a step later, given states of half a step later and,
         where nothing touches, the error of the time step.
-
-        Args:
-            values: (1, P) of them [units of the parameters].
         """
         count = values.shape[1]
         jacobian = np.zeros((errors.values.size, count))
@@ -107,13 +104,11 @@ class SegmentErrors(ErrorModel):
             rows[own] = half * np.where(np.isfinite(segments.readings[own]), slope, 0.0)
         return out
 
-    def whiten(self, errors: Errors) -> Whitening:
-        """The whitening of a hypothesis's errors."""
-        values = errors.values.reshape(self.rows, -1)
+    @property
+    def follows(self) -> np.ndarray:
+        """(R) whether a sample follows the one before it in the same segment."""
         segment = self.problem.segments.segment_of_sample
-        follows = np.append(False, segment[1:] == segment[:-1])
-        volume = float(np.sum(errors.volume))
-        return whiten(values, errors.noise, volume, follows)
+        return np.append(False, segment[1:] == segment[:-1])
 
     def thin(self, share: float) -> "tuple[SegmentErrors, np.ndarray]":
         """The errors of so many times fewer segments, and numbers of their samples."""
@@ -123,11 +118,7 @@ class SegmentErrors(ErrorModel):
         return part, segments.find_sample_rows(chosen)
 
     def adapt(self, terms: Sequence[Term], values: Floats) -> "SegmentErrors":
-        """The errors with initial states and weights that suit a hypothesis.
-
-        Args:
-            values: (P) [units of the parameters].
-        """
+        """The errors with states and weights that suit a hypothesis's values (P)."""
         problem = self.problem
         errors = self.compute_errors(terms, values[None]).values[0]
         scale = estimate_scale(errors.reshape(self.rows, -1))

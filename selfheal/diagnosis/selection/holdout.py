@@ -14,7 +14,11 @@ from ..effects.base import Term
 from ..effects.terms import is_distinct
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
-from ..estimation.least_squares import fit_one_more, fit_parameters
+from ..estimation.least_squares import (
+    fit_by_updates,
+    fit_one_more,
+    fit_parameters,
+)
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import marginalize_initial_states
 from ..estimation.problem import Problem
@@ -184,20 +188,16 @@ def find_uncertain(fit: Fit) -> list[Term]:
 
 def fit_without(fit: Fit, term: Term) -> Fit:
     """A fit of all terms but one, from where the linearization of all of them leads."""
-    step = LinearizedFit.from_fit(fit).step_without([term])
+    step = LinearizedFit.from_fit(fit).step_without(term)
     return _refit_without(replace(fit, values=fit.values + step), term, 3)
 
 
 def _refit_without(fit: Fit, term: Term, iterations: int) -> Fit:
     """A fit of all terms but one from where the others are; 0 iterations move none."""
     restored = fit.restore([term])
-    return fit_parameters(
-        fit.problem,
-        *restored.without_terms(term),
-        iterations=iterations,
-        jacobian=restored.jacobian_without(term),
-        only_updates=True,
-    )
+    terms, values = restored.without_terms(term)
+    jacobian = restored.jacobian_without(term)
+    return fit_by_updates(fit.problem, terms, values, iterations, jacobian)
 
 
 def try_equivalents(

@@ -8,7 +8,11 @@ import numpy as np
 from ...recording.data import Floats
 from ..data.segments import Segments
 from ..effects.base import Onset
-from ..estimation.least_squares import fit_parameters, refine_undamped
+from ..estimation.least_squares import (
+    fit_by_updates,
+    fit_parameters,
+    refine_undamped,
+)
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.marginalization import (
     keep_informative,
@@ -120,10 +124,12 @@ def _refit(problem: Problem, start: Floats, hypothesis: Hypothesis) -> Hypothesi
     alone = final
     if named:
         jacobian = final.restore(named).jacobian_without(*named)
-        alone = fit_parameters(
-            problem, nominal.terms, nominal.values, iterations=6, jacobian=jacobian,
-            only_updates=problem.regime.is_nonsmooth,
-        )  # fmt: skip
+        terms, values = nominal.terms, nominal.values
+        alone = (
+            fit_by_updates(problem, terms, values, 6, jacobian)
+            if problem.regime.is_nonsmooth
+            else fit_parameters(problem, terms, values, iterations=6, jacobian=jacobian)
+        )
         left = noise_ratio(final)
         if problem.regime.is_nonsmooth:
             if left > FIT.strictly_unexplained_ratio:  # the cost has many minima

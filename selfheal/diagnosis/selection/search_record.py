@@ -20,6 +20,9 @@ class SearchRecord:
         state: the last one of the search; None: there is none yet.
         finish: fits what a search that was stopped had found since; None: nothing.
         stopped: what was being done when time was over; empty where it was not.
+        is_search_stopped: whether that was so before the search was through.
+        effects: how many could be somewhere in the robot.
+        untried: names of those of which some candidate was never tried.
     """
 
     def __init__(
@@ -40,6 +43,8 @@ class SearchRecord:
         self.finish: Callable[[], SearchState] | None = None
         self._stage, self._belief, self.stopped = "beginning the search", "", ""
         self._tried: set[tuple] = set()
+        self.is_search_stopped, self.effects = False, 0
+        self.untried: list[str] = []
 
     def __call__(self, what: str, named: int) -> None:
         """Say what a search tries, with so many named effects."""
@@ -70,15 +75,17 @@ class SearchRecord:
         each = [name if n == 1 else f"{n} {name}" for name, n in count.items()]
         self._belief = f" (so far: {', '.join(each)})" if each else ""
 
-    def forget_state(self) -> None:
-        """Forget the state, whose Jacobian is large, but not what is believed."""
-        self.state = self.finish = None
-
     def add_tried(self, terms: Iterable[Term]) -> None:
         """Know that terms were tried."""
         self._tried |= {t.key for t in terms}
 
-    def list_untried(self, candidates: Sequence[Term]) -> list[str]:
-        """Names of the effects of which some candidate was never tried."""
+    def end_search(self, candidates: Sequence[Term]) -> None:
+        """Know that a search of these candidates is over.
+
+        The state is forgotten, whose Jacobian is large, but not what is believed.
+        """
+        self.state = self.finish = None
+        self.is_search_stopped = bool(self.stopped)
+        self.effects = len({t.effect.name for t in candidates})
         left = (t.effect.name for t in candidates if t.key not in self._tried)
-        return sorted(set(left))
+        self.untried = sorted(set(left))

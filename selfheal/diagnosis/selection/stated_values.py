@@ -13,7 +13,7 @@ from ..effects.base import Term
 from ..effects.nominal import NominalParameter
 from ..estimation.covariance import standard_errors
 from ..estimation.fit import Fit
-from ..estimation.least_squares import fit_parameters
+from ..estimation.least_squares import fit_by_updates
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
@@ -166,10 +166,7 @@ def _fit_restored(fit: Fit, restored: np.ndarray, iterations: int) -> Fit:
         _fix(t, np.ones(len(n))) if np.isin(n, restored).any() else t
         for t, n in zip(fit.terms, numbers[:-1], strict=True)
     ]
-    return fit_parameters(
-        fit.problem, terms, values, iterations=iterations, jacobian=fit.jacobian,
-        only_updates=True,
-    )  # fmt: skip
+    return fit_by_updates(fit.problem, terms, values, iterations, fit.jacobian)
 
 
 def _round(base: LinearizedFit, half: Floats, chosen: np.ndarray) -> Floats:

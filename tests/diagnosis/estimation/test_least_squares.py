@@ -9,7 +9,7 @@ from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.jacobian import compute_jacobian
-from selfheal.diagnosis.estimation.least_squares import fit_parameters
+from selfheal.diagnosis.estimation.least_squares import fit_by_updates, fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.quadratic_model import (
     solve_bounded_step,
@@ -156,7 +156,7 @@ def test_a_jacobian_that_is_only_updated_costs_no_differences(arm):
     before = problem.residuals_at(terms, start)
     jacobian = compute_jacobian(problem, terms, start, before)
     problem.batches.clear()
-    found = fit_parameters(problem, terms, start, jacobian=jacobian, only_updates=True)
+    found = fit_by_updates(problem, terms, start, 8, jacobian)
     # a damped step is one simulation, or the three of the other dampings
     assert all(len(points) in (1, 3) for points in problem.batches)
     best = fit_parameters(problem, terms, start)

@@ -8,10 +8,9 @@ import pytest
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.base import Onset
 from selfheal.diagnosis.linear.cross_validation import compute_gains
-from selfheal.diagnosis.linear.errors import propose_directions
 from selfheal.diagnosis.linear.fit import add_terms, start_fit
 from selfheal.diagnosis.linear.measurement import measure_motion
-from selfheal.diagnosis.linear.ranking import rank
+from selfheal.diagnosis.linear.ranking import propose_directions, rank
 from selfheal.diagnosis.linear.search import Search
 from selfheal.diagnosis.linear.segment_errors import SegmentErrors
 from selfheal.diagnosis.linear.torque_balance import TorqueBalance
@@ -95,10 +94,7 @@ def test_only_what_is_missing_predicts_blocks_better(arm):
     fit = start_fit(SegmentErrors(problem), list_nominal_terms(arm))
 
     def add(before, term):
-        values = before.values[: before.count]
-        found = propose_directions(
-            before.model, before.terms, values, before.plain_errors, [term]
-        )
+        found = propose_directions(before, term)
         _, move, coordinates = rank(before, [(d,) for d in found])[0]
         return add_terms(before, move, coordinates)
 

@@ -12,9 +12,8 @@ from selfheal.diagnosis.estimation.covariance import standard_errors
 from selfheal.diagnosis.estimation.least_squares import fit_one_more, fit_parameters
 from selfheal.diagnosis.estimation.problem import Problem
 from selfheal.diagnosis.estimation.settings import FIT
-from selfheal.diagnosis.linear.errors import propose_directions
 from selfheal.diagnosis.linear.fit import LinearFit, add_terms, refine, start_fit
-from selfheal.diagnosis.linear.ranking import rank
+from selfheal.diagnosis.linear.ranking import propose_directions, rank
 from selfheal.diagnosis.linear.search import Search
 from selfheal.diagnosis.linear.segment_errors import SegmentErrors
 from tests.support.problems import Explosion, list_nominal_terms, make_problem
@@ -48,8 +47,7 @@ PLANTED = [
 
 def add_likeliest(fit: LinearFit, term: Term) -> LinearFit:
     """The fit with a term, begun in the direction that gains most."""
-    values = fit.values[: fit.count]
-    found = propose_directions(fit.model, fit.terms, values, fit.plain_errors, [term])
+    found = propose_directions(fit, term)
     _, move, coordinates = rank(fit, [(d,) for d in found])[0]
     return refine(add_terms(fit, move, coordinates))
 

@@ -1,7 +1,6 @@
 """Segments that no fit saw decide between hypotheses and equivalents."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -45,7 +44,6 @@ def test_what_held_out_segments_refute_gives_way_to_what_they_support(arm):
 def test_the_last_fit_stands_unless_the_one_of_the_search_predicts_better(arm):
     dry = find_effect("coulomb_friction").propose_terms(arm.robot)[1]
     problem = make_problem(arm, (dry,), (0.1,))
-    case = SimpleNamespace(held_out=arm.simulator)
     predicted = arm.simulator.simulate((dry,), np.array([[0.1]]), problem.segments)[0]
     seen = replace(problem, segments=replace(problem.segments, readings=predicted))
     others = replace(seen, segments=replace(seen.segments))
@@ -58,9 +56,11 @@ def test_the_last_fit_stands_unless_the_one_of_the_search_predicts_better(arm):
     near, far = (naming(x, seen) for x in (0.01, 0.1))
     for refined, searched, is_kept in (0.1, near, False), (0.01, far, True):
         last = naming(refined, others)
-        assert keep_predictive(case, last, searched) is (last if is_kept else searched)
+        assert keep_predictive(arm.simulator, last, searched) is (
+            last if is_kept else searched
+        )
     # in the segments of the search it always does
-    assert keep_predictive(case, far, near) is far
+    assert keep_predictive(arm.simulator, far, near) is far
 
 
 def test_what_explains_most_in_held_out_segments_comes_first(arm, monkeypatch):
@@ -69,7 +69,6 @@ def test_what_explains_most_in_held_out_segments_comes_first(arm, monkeypatch):
         find_effect(name).propose_terms(arm.robot)[1]
         for name in ("coulomb_friction", "viscous_friction")
     )
-    case = SimpleNamespace(held_out=None)
     for values in ((0.2, 0.01), (0.02, 0.1)):
         problem = make_problem(arm, (dry, wet), values)
         held, seen = (
@@ -79,7 +78,7 @@ def test_what_explains_most_in_held_out_segments_comes_first(arm, monkeypatch):
         monkeypatch.setattr(Judge, "build", lambda *_, judge=judge: judge)
         fit = fit_parameters(seen, (dry, wet), np.array(values))
         names = (name_effect(dry), name_effect(wet))
-        kept, refuted = drop_refuted(case, Hypothesis(fit, fit, names, ()))
+        kept, refuted = drop_refuted(None, Hypothesis(fit, fit, names, ()))
         assert not refuted
         first = max(zip(values, (dry, wet), strict=True), key=lambda each: each[0])[1]
         assert [n.term.key for n in kept.named][0] == first.key

@@ -10,6 +10,7 @@ def test_an_effect_that_was_tried_at_some_places_alone_is_left(arm):
     assert len(dry) == len(rotor) == 2
     record = SearchRecord()
     record.add_tried([*dry, rotor[0]])
-    assert record.list_untried([*dry, *rotor]) == ["armature"]
-    record.add_tried([rotor[1]])
-    assert record.list_untried([*dry, *rotor]) == []
+    for left in (["armature"], []):
+        record.end_search([*dry, *rotor])
+        assert record.untried == left and record.effects == 2
+        record.add_tried([rotor[1]])
