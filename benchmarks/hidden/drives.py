@@ -68,8 +68,8 @@ def _set_feedback(draft: Draft) -> Robot:
     shift = values.get(("clock_shift", "world"), {"shift": 0.0})["shift"]
     late = 1.5 / log.rate + shift + max(lags, default=0.0)
     fast, gains = min(2 * np.pi * 3.0 * robot.rate, 0.25 / late), {}
-    for joint, inertia in robot.inertia.items():
-        inertia += values["armature", f"joint:{joint}"]["armature"]
+    for joint, moved in robot.inertia.items():
+        inertia = moved + values["armature", f"joint:{joint}"]["armature"]
         gains[joint] = inertia * fast**2, 1.2 * inertia * fast
     return replace(robot, gains=gains)
 

@@ -166,9 +166,8 @@ def draw_experiment(
         (n.kind, n.name): float(rng.uniform(-1, 1) * SHARE * n.bound)
         for n in list_nuisances(robot)
     }
-    for key in errors:
-        if key[0] == "friction":
-            errors[key] = errors[key] / 2  # of both geoms of a contact
+    if ("friction", "") in errors:
+        errors["friction", ""] /= 2  # of both geoms of a contact
     sampled = _draw_sampling(robot, rng)
     instruments, state, noted = _draw_instruments(robot, rng)
     rk4 = bool(rng.random() < 0.5 and not robot.contact and FAST in robot.xml)
@@ -213,7 +212,8 @@ def size_effect(draw: Draw, effect: Effect, target: str, rng: Rng) -> PlacedEffe
             raw, left = _measure_strength(draw, placed)
         except UnfitDraw:
             raw, left = np.inf, np.inf
-        if LEAST <= left <= MOST or effect.name in LOUD and LEAST <= left < np.inf:
+        most = np.inf if effect.name in LOUD else MOST
+        if LEAST <= left <= most and left < np.inf:
             return replace(placed, strength=(raw, left))
         factor = 0.3 if left == np.inf else (aim / max(left, 0.05)) ** 0.9
         new = float(np.clip(size * np.clip(factor, 0.15, 6.0), low, high))
@@ -256,9 +256,9 @@ def _choose_effects(
 
 
 def _are_compatible(one: Effect, other: Effect) -> bool:
-    if one.name == other.name or other.name == "joint_jam" or one.name == "joint_jam":
-        return False
     names = {one.name, other.name}
+    if len(names) == 1 or "joint_jam" in names:
+        return False
     shared = set(_list_robots(one)) & set(_list_robots(other))
     return bool(shared) and not any(names <= family for family in _FAMILIES)
 
