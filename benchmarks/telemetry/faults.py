@@ -204,22 +204,27 @@ def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
             ("gap", "gap", tear),
             ("duplicates", "duplicate", repeat),
         ):
-            yield Injection(name, (kind,), frozenset(), _edit(recording, change), model)
+            yield Injection(
+                name, (kind,), frozenset(), edit_episodes(recording, change), model
+            )
 
 
-def _edit(recording: Recording, change: Callable[[Episode], Episode]) -> Recording:
+def edit_episodes(
+    recording: Recording, change: Callable[[Episode], Episode]
+) -> Recording:
+    """A recording with every episode changed."""
     episodes = {name: change(e) for name, e in recording.episodes.items()}
     return replace(recording, episodes=episodes)
 
 
 def change_columns(
-    recording: Recording, columns: frozenset[str], change: Change
+    recording: Recording, columns: Collection[str], change: Change
 ) -> Recording:
     """A recording with some signals changed, by their times and values."""
-    return _edit(recording, lambda e: _change(e, columns, change))
+    return edit_episodes(recording, lambda e: _change(e, columns, change))
 
 
-def _change(e: Episode, columns: frozenset[str], change: Change) -> Episode:
+def _change(e: Episode, columns: Collection[str], change: Change) -> Episode:
     """An episode with some signals changed; the state it begins with is left out."""
     signals = {
         name: replace(s, values=change(e.time, s.values)) if name in columns else s
@@ -243,7 +248,7 @@ def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording
         }
         return replace(e, signals=signals, qpos0=None, qvel0=None)
 
-    return _edit(recording, exchange)
+    return edit_episodes(recording, exchange)
 
 
 def _select(e: Episode, rows: np.ndarray) -> Episode:
@@ -261,9 +266,7 @@ def _narrow(
     recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
 ) -> mujoco.MjModel:
     """The model with a range of which the readings take a share, or leave it."""
-    x = np.concatenate(
-        [e.signals[joint.position].values for e in recording.episodes.values()]
-    )
+    x = join_readings(recording, joint.position)
     low, high = np.nanquantile(x, [0.01, 0.99])
     narrowed = copy.copy(model)
     narrowed.jnt_limited[joint.number] = 1
@@ -273,8 +276,12 @@ def _narrow(
 
 
 def _moves(recording: Recording, name: str) -> bool:
-    x = np.concatenate([e.signals[name].values for e in recording.episodes.values()])
-    return bool(np.nanstd(x) > 0.05)
+    return bool(np.nanstd(join_readings(recording, name)) > 0.05)
+
+
+def join_readings(recording: Recording, name: str) -> Values:
+    """(T, ...) readings of a signal in all episodes."""
+    return np.concatenate([e.signals[name].values for e in recording.episodes.values()])
 
 
 def _stretch(time: Values, x: Values, slope: float) -> Values:
