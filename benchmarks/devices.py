@@ -92,12 +92,7 @@ DEVICES = {
 
 
 def prepare_case(device: Device, recordings: Path, case: Path) -> None:
-    """Write what is diagnosed of a device into a folder: model.xml and recording.h5.
-
-    Args:
-        recordings: folder of the recordings of all devices.
-        case: folder that is written; it is made.
-    """
+    """Write what is diagnosed of a device into a folder: model.xml and recording.h5."""
     case.mkdir(parents=True, exist_ok=True)
     shutil.copy(recordings / device.model, case / "model.xml")
     if device.raised:
@@ -124,9 +119,6 @@ def score_on_test(
 ) -> float | None:
     """Score of a diagnosis on the device's test, by `selfheal replay`.
 
-    Args:
-        recordings: folder of the recordings of all devices.
-
     Returns:
         The normalized error, or None where the replay failed.
     """
@@ -146,8 +138,6 @@ def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, 
     """A row of the results: what was found of a device, its score, time and memory.
 
     Args:
-        name: key of `DEVICES`.
-        case: folder that has the diagnosis and run.json.
         reached: score on the test, None where the replay failed.
     """
     said = json.loads((case / DOCUMENT).read_text())

@@ -112,11 +112,7 @@ def _read_tail(file: Any) -> str:
 
 
 def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
-    """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json.
-
-    Args:
-        key: folder that has test.h5.
-    """
+    """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json."""
     kept, diagnosis = case / "proof.json", case / FOUND
     if kept.is_file():
         return json.loads(kept.read_text())["patched"]

@@ -106,11 +106,7 @@ def _read_pose(model: Any, body: str, qpos: np.ndarray):
 def list_errors(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
 ) -> Iterator[np.ndarray]:
-    """Errors over spread (rows, columns) [1] of each position-like signal.
-
-    Args:
-        seen: the recording that they are compared with.
-    """
+    """Errors over spread (rows, columns) [1] of each position-like signal."""
     names = {
         name: signal.kind
         for episode in seen.episodes.values()
@@ -130,11 +126,7 @@ def list_errors(
 def compute_score(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
 ) -> float:
-    """Normalized RMSE over the position-like signals (contract section 2).
-
-    Args:
-        seen: the recording that they are compared with.
-    """
+    """Normalized RMSE over the position-like signals (contract section 2)."""
     parts = [np.mean(np.sum(e**2, 1)) for e in list_errors(predicted, seen)]
     return float(np.sqrt(np.mean(parts)))
 

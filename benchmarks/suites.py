@@ -95,7 +95,6 @@ def run_suites(
 
     Args:
         benchmark: name of the benchmark and of its folder, which has page.md.
-        text: what `--help` says.
         suites: by name: a function from a count to the runs, and the usual count.
         compute: further figures of the page, from all records by suite and key.
     """

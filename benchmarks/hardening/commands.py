@@ -80,12 +80,7 @@ COMMANDS = {
 
 
 def run_writer(words: str, folder: Path, **more: Any) -> Ended:
-    """Run a command that writes, in its working folder.
-
-    Args:
-        folder: where it works.
-        **more: for `run_selfheal`.
-    """
+    """Run a command that writes, in its working folder."""
     return run_selfheal(words.split(), folder, seconds=_SECONDS, **more)
 
 
@@ -101,11 +96,7 @@ def make_inputs(folder: Path) -> None:
 
 
 def make_earlier(name: str, folder: Path) -> None:
-    """Have OUT hold an earlier run of a command, one that is to go on where it can.
-
-    Args:
-        folder: made by `make_inputs`, where the command has not run yet.
-    """
+    """Have OUT hold an earlier run of a command, one that is to go on where it can."""
     command = COMMANDS[name]
     ended = run_writer(command.start, folder)
     if ended.code != 0:
@@ -118,9 +109,6 @@ def make_earlier(name: str, folder: Path) -> None:
 
 def read_main(name: str, folder: Path) -> Any:
     """All that a command's first file says but times and where it lies.
-
-    Args:
-        folder: where it worked.
 
     Raises:
         Exception: the file is damaged.

@@ -57,7 +57,6 @@ def list_disk_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and size, on disks that are small or filled in turns.
 
     Args:
-        place: a folder, which has to be there until all are done.
         count: of sizes, from 4 kB to what the command needs.
     """
     load_program()
@@ -77,11 +76,7 @@ def list_disk_runs(place: Path, count: int) -> KeyedRuns:
 
 
 def _measure_need(name: str, start: Path, place: Path) -> int:
-    """What a command needs of a disk that holds nothing else [kB].
-
-    Args:
-        place: a new folder in which it works.
-    """
+    """What a command needs of a disk that holds nothing else [kB]."""
     folder = copy_folder(start, place)
     told = folder / "used"
     with mount_disk(folder / OUT, _LARGE):
@@ -129,7 +124,6 @@ def _list_losses(
     """What a command lost of what was there, or left half-written.
 
     Args:
-        folder: where it worked.
         kept: copy of what was there before; None where there was nothing.
     """
     command = COMMANDS[name]

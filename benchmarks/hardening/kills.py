@@ -95,7 +95,6 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and moment.
 
     Args:
-        place: a folder, which has to be there until all are done.
         count: of kills, shared out to the commands.
     """
     load_program()
@@ -121,7 +120,6 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
     """Kill a command at a moment, have it go on, and compare with one that was not.
 
     Args:
-        whole: folder in which the command was not killed.
         moment: number of the write before which it is killed.
     """
     command, faults = COMMANDS[name], list[Fault]()

@@ -66,11 +66,7 @@ mutate_mcap = make_mutation("mutate_mcap", decode_mcap, encode_mcap, _draw_odd_m
 
 
 def make_column_mutation(name: str) -> Mutate:
-    """What changes the columns of a log before they are written as its format does.
-
-    Args:
-        name: of the log, a key of `ENCODERS`.
-    """
+    """What changes the columns of a log before they are written as its format does."""
 
     def mutate_columns(content: bytes, seed: int) -> bytes:
         rng = np.random.default_rng(seed)

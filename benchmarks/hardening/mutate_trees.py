@@ -31,10 +31,8 @@ def make_mutation(
     """What changes a value of a file's tree, or a few, and writes it anew.
 
     Args:
-        name: of the function that is made.
         encode: the content of a tree, whatever it holds where; what took the place of
             all of it is JSON.
-        draw_odd: something in the place of a value.
     """
 
     def mutate(content: bytes, seed: int) -> bytes:

@@ -130,7 +130,6 @@ def build_case(
     """Simulate and record a case.
 
     Args:
-        placed: the effects of the hidden robot.
         given: the robot as its model has it, if not as the experiment has it; the
             scorer then measures references itself.
         key: what the key says besides: at least kind and seed.

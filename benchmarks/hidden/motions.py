@@ -82,7 +82,6 @@ def draw_sample_steps(
 
     Args:
         rate: [Hz].
-        seconds: [s] of the episode.
         jitter: share of a period by which samples are moved.
     """
     count = int(seconds * rate)
@@ -100,7 +99,6 @@ def follow_goals(robot: Robot, goals: np.ndarray) -> Command:
     """What makes a robot follow goals: the goals, or the torques of a feedback.
 
     Args:
-        robot: that follows; its gains are the feedback's.
         goals: (T, nu) [rad or m] of the joints that its actuators move.
     """
     if robot.drive == "servo":
@@ -125,7 +123,6 @@ def plan_goals(
     Args:
         rows: (T) fine step of each sample.
         goals: (T, nu) [rad or m] of the joints that its actuators move.
-        more: fields of the plan that are not as usual.
     """
     qpos = robot.model.qpos0.copy()
     for joint, goal in zip(robot.actuators.values(), goals[0], strict=True):

@@ -100,7 +100,6 @@ def make_case(name: str, written: WrittenRobot | None = None) -> Case:
     """A case; always the same for the same name.
 
     Args:
-        name: of `OTHER_CASES`.
         written: in place of its robot, with other episodes.
     """
     case = OTHER_CASES[name]

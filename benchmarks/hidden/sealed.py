@@ -195,9 +195,6 @@ def _select_probe_plans(draw: Draw) -> list[MotionPlan]:
 def size_effect(draw: Draw, effect: Effect, target: str, rng: Rng) -> PlacedEffect:
     """An effect as large as the case needs.
 
-    Args:
-        target: where.
-
     Raises:
         UnfitDraw: no sane size makes it matter.
     """

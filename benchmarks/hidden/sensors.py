@@ -156,11 +156,7 @@ class Instruments:
     def record_episode(
         self, plan: MotionPlan, run: Rollout, clean, rng: Rng, *, state: bool
     ) -> Episode:
-        """One episode as recorded.
-
-        Args:
-            state: whether it states where it starts.
-        """
+        """One episode as recorded."""
         return Episode(
             np.round(self.epoch + run.rows * self.robot.fine, 9),
             run.ctrl,
@@ -266,9 +262,7 @@ def record_plans(
     """Simulate and record plans, one after the other.
 
     Args:
-        instruments: that record; with the sensor errors of the hidden robot.
         plans: may be drawn, by the same generator, as they are asked for.
-        state: whether episodes state where they start.
         check: raises `UnfitDraw` where a rollout makes no case.
 
     Raises:

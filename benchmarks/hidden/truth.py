@@ -156,7 +156,6 @@ def scale_value(spec: Any, kind: str, name: str, factor: float) -> None:
     Args:
         kind: of `Nuisance`, or gear.
         name: of the body, joint or actuator; "" for all contacts.
-        factor: [1].
     """
     if kind == "friction":
         for geom in spec.geoms:
@@ -181,7 +180,6 @@ def scale_gain(actuator: Any, kind: str, factor: float) -> None:
 
     Args:
         kind: "kp", "kv", or "gear" for all that it gives.
-        factor: [1].
     """
     if kind == "gear":
         actuator.gear = actuator.gear * factor

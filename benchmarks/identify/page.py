@@ -20,11 +20,7 @@ BINS, ENOUGH, POINTS = 10, 50, 0.1  # the issue's: bins, statements, tolerance
 def compute_figures(
     rows: Sequence[SuiteRow], records: Mapping[str, Records]
 ) -> dict[str, object]:
-    """All that a suite's page shows.
-
-    Args:
-        records: finished runs by the name of their row.
-    """
+    """All that a suite's page shows."""
     every = [r for found in records.values() for r in found]
     return {
         "rows": [_summarize_row(row, records[row.name]) for row in rows],

@@ -53,12 +53,7 @@ class ChangedLegs:
 
 
 def change_robot(what: str, robot: LeggedRobot, seed: int) -> tuple[ChangedLegs, str]:
-    """A robot that will be changed, and where.
-
-    Args:
-        what: of `CHANGES`.
-        seed: draws where.
-    """
+    """A robot that will be changed, and where."""
     rng = np.random.default_rng([seed, list(CHANGES).index(what), 43])
     whole = SimulatedLegs(robot, seed)
     if what == "withheld":

@@ -184,7 +184,6 @@ def _record(
     """Episodes in which each joint follows sines.
 
     Args:
-        stated: numbers of each.
         is_servo: whether goals are commanded, not torques.
     """
     rate = float(rng.choice([50, 100, 250]))

@@ -116,10 +116,6 @@ class Effect:
     def choose_omissions(self, target: str, rng: Rng) -> tuple[frozenset[str], float]:
         """What the given model must not state for it, and its medium's density.
 
-        Args:
-            target: where.
-            rng: decides about what may be stated or not.
-
         Returns:
             Attributes that are stated as 0, as "damping:j1", and the density [kg/m^3].
         """

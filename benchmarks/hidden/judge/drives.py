@@ -44,11 +44,7 @@ SHARED = {"0.5 s": 12, "2 s": 4}
 def score_truth(
     experiment: Experiment, placed: Sequence[PlacedEffect], pieces: Recording
 ) -> float:
-    """Score of the hidden physics itself.
-
-    Args:
-        placed: its effects, or those without one.
-    """
+    """Score of the hidden physics itself."""
     robot = experiment.robot
     simulator = Simulator(experiment.make_hidden_robot(placed))
     found = {}
@@ -70,9 +66,6 @@ def measure_references(
     draft: Draft, experiment: Experiment, train: Recording, tests: Pieces
 ) -> dict[str, Any]:
     """Errors by horizon of the given model, the plain fit and the truth; its effects.
-
-    Args:
-        tests: pieces of what a diagnosis is scored on.
 
     Returns:
         `errors` by model and horizon [1], `plain_fit` its values, and `effects`: name,
@@ -137,7 +130,6 @@ def judge_verdict(
     """Whether a verdict agrees with the errors at every horizon.
 
     Args:
-        found: errors of its replay, by horizon.
         errors: of the given model and the truth, by model and horizon.
     """
     for name, error in found.items():
@@ -157,7 +149,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     What the case allows is measured once, and kept beside its key.
 
     Args:
-        keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """
     sealed = keys / case.name

@@ -121,7 +121,6 @@ def judge_case(
 
     Args:
         diagnosis: diagnosis.json, or None where there is none.
-        run: run.json, or None.
     """
     findings = select_real_findings(diagnosis, key)
     fit = (diagnosis or {}).get("fit") or {}
@@ -261,12 +260,7 @@ def judge_names(
     effects: Sequence[Mapping[str, Any]],
     places: Places,
 ) -> dict[str, Any]:
-    """Which needed effects were named at their place, and which names are false.
-
-    Args:
-        effects: names, target, and whether each is needed.
-        places: what is the same place in the model.
-    """
+    """Which needed effects were named at their place, and which names are false."""
     missed = [
         f"{e['names'][0]} {e['target']}"
         for e in effects

@@ -35,11 +35,7 @@ def select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
 
 
 def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
-    """Every figure of the issue's table.
-
-    Args:
-        cases: judged by `read_case`.
-    """
+    """Every figure of the issue's table."""
     single, null = select_kind(cases, "single"), select_kind(cases, "null")
     odd, double = select_kind(cases, "unlisted"), select_kind(cases, "double")
     covered = [p for c in single + double for p in c["covered"]]
@@ -127,7 +123,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     """Judge one case of a folder by its key and its diagnosis, if it has one.
 
     Args:
-        keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """
     key = json.loads((keys / case.name / "key.json").read_text())

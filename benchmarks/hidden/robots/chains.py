@@ -235,7 +235,6 @@ def draw_chain(rng: Rng, count: int, style: str) -> Robot:
     """A random robot.
 
     Args:
-        count: of its joints, 1 to 7.
         style: "servo", "motor" or "none", of its actuators.
     """
     size, heavy, rate = SIZES[rng.integers(3)]
