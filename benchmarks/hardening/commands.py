@@ -2,14 +2,18 @@
 
 import json
 import shutil
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 
+from benchmarks.hardening.log_files import FILES
 from benchmarks.hardening.originals import (
+    insist,
     take_back,
     write_identified_run,
     write_small_files,
@@ -41,41 +45,9 @@ class WritingCommand:
     others: Sequence[str] = ()
 
 
-def _make_run_command(start: str, name: str, file: str) -> WritingCommand:
-    again = f"{name} --resume {OUT}/{file} --json"
-    return WritingCommand(
-        f"{start} --out {OUT} --json",
-        again,
-        again,
-        f"{OUT}/{file}",
-        (f"{OUT}/report.html",),
-    )
-
-
-_DIAGNOSE = f"diagnose model.xml arm.h5 --out {OUT}/found --json"
-_REPLAY = f"replay diagnosis arm.h5 --out {OUT}/predicted.h5"
 COMMANDS = {
-    "identify": _make_run_command(
-        "identify --robot starfish --engine statics --budget 500 --cycles 2",
-        "identify",
-        "run.h5",
-    ),
-    "heal": _make_run_command(
-        "heal run.h5 --damage dead:left_hip_position", "heal", "heal.h5"
-    ),
-    "recover": _make_run_command(
-        "recover --robot quadruped --scenario 1", "recover", "recover.h5"
-    ),
-    "diagnose": WritingCommand(
-        _DIAGNOSE,
-        f"{_DIAGNOSE} --force",
-        f"{_DIAGNOSE} --resume --force",
-        f"{OUT}/found/diagnosis.json",
-        (f"{OUT}/found/patched.xml", f"{OUT}/found/report.html"),
-    ),
-    "replay": WritingCommand(
-        _REPLAY, f"{_REPLAY} --force", f"{_REPLAY} --force", f"{OUT}/predicted.h5"
-    ),
+    name: WritingCommand(**table)
+    for name, table in tomllib.loads((FILES / "commands.toml").read_text()).items()
 }
 
 
@@ -88,9 +60,7 @@ def make_inputs(folder: Path) -> None:
     """Fill a new folder with all that the commands read, and an empty one for OUT."""
     folder.mkdir()
     for write in (write_small_files, write_identified_run):
-        ended = run_forked(lambda write=write: write(folder), folder)  # type: ignore[misc]
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        insist(run_forked(partial(write, folder), folder))
     (folder / "pipe").unlink()
     (folder / OUT).mkdir()
 
@@ -98,9 +68,7 @@ def make_inputs(folder: Path) -> None:
 def make_earlier(name: str, folder: Path) -> None:
     """Have OUT hold an earlier run of a command, one that is to go on where it can."""
     command = COMMANDS[name]
-    ended = run_writer(command.start, folder)
-    if ended.code != 0:
-        raise RuntimeError(ended.said)
+    insist(run_writer(command.start, folder))
     if "--resume" in command.again:
         take_back(folder / command.main)
         for other in command.others:

@@ -22,6 +22,7 @@ from benchmarks.hardening.commands import (
 )
 from benchmarks.hardening.judge import Fault, list_faults
 from benchmarks.hardening.kills import call_at_writes, note, read_largest
+from benchmarks.hardening.originals import insist
 from benchmarks.hardening.process import Ended, load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -85,9 +86,7 @@ def _measure_need(name: str, start: Path, place: Path) -> int:
             note(told, shutil.disk_usage(folder / OUT).used // 1024)
 
         prepare = partial(call_at_writes, tell_used, folder / OUT)
-        ended = run_writer(COMMANDS[name].start, folder, prepare=prepare)
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        insist(run_writer(COMMANDS[name].start, folder, prepare=prepare))
     return read_largest(told)
 
 

@@ -21,6 +21,7 @@ from benchmarks.hardening.commands import (
     run_writer,
 )
 from benchmarks.hardening.judge import Fault, list_faults
+from benchmarks.hardening.originals import insist
 from benchmarks.hardening.process import load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -101,14 +102,8 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     make_inputs(place / "inputs")
     for name in COMMANDS:
         whole = copy_folder(place / "inputs", place / name)
-        count_up = partial(note, whole / _COUNT)
-        ended = run_writer(
-            COMMANDS[name].start,
-            whole,
-            prepare=partial(call_at_writes, count_up, whole),
-        )
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        prepare = partial(call_at_writes, partial(note, whole / _COUNT), whole)
+        insist(run_writer(COMMANDS[name].start, whole, prepare=prepare))
         most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
         moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
         for moment in map(int, moments):

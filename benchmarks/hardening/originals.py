@@ -107,12 +107,13 @@ def make_originals(folder: Path, kind: str) -> None:
 
 def _call_forked(make: Callable[[], None], folder: Path) -> None:
     """Call a function in a process of its own, and insist that it ends well."""
-    _insist(run_forked(make, folder, seconds=_MADE))
+    insist(run_forked(make, folder, seconds=_MADE))
 
 
-def _insist(ended: Ended) -> None:
+def insist(ended: Ended) -> None:
+    """Raise RuntimeError where a command did not end well."""
     if ended.code != 0:
-        raise RuntimeError(f"originals cannot be made: {ended.signal} {ended.said}")
+        raise RuntimeError(f"files cannot be made: {ended.signal} {ended.said}")
 
 
 def write_small_files(folder: Path) -> None:
@@ -180,7 +181,7 @@ def _make_runs(folder: Path) -> None:
     )
     _call_forked(partial(write_identified_run, folder), folder)
     for words in commands:
-        _insist(run_selfheal(words.split(), folder, prepare=_stop_clock, seconds=_MADE))
+        insist(run_selfheal(words.split(), folder, prepare=_stop_clock, seconds=_MADE))
     for name in ("ended", "begun", "heal", "begun-heal", "recover", "begun-recover"):
         command = name.removeprefix("begun-")
         made = "id/run" if command in ("ended", "begun") else f"{command}/{command}"

@@ -115,8 +115,8 @@ def _draw_numbers(rng: np.random.Generator, count: int) -> list[_Numbers]:
     for _ in range(count):
         last = int(rng.choice([k for k in range(3) if k != last]))
         low, high = -rng.uniform(1.2, 2.2), rng.uniform(1.2, 2.2)
-        length, spans = rng.uniform(0.08, 0.25), [(0.05, 0.3), (0.02, 0.15)]
-        losses = [rng.uniform(*span) for span in (*spans, (0.005, 0.03))]
+        length, damping = rng.uniform(0.08, 0.25), rng.uniform(0.05, 0.3)
+        losses = damping, rng.uniform(0.02, 0.15), rng.uniform(0.005, 0.03)
         found.append(_Numbers(axes[last], length, mass, *losses, low, high))
         mass *= rng.uniform(0.5, 0.9)
     return found

@@ -205,12 +205,12 @@ def make_short_run(robot: DrawnRobot, rng: Rng) -> Setup:
         mujoco.mj_step(model, data, steps)
     signals = {n: replace(s, values=values[n]) for n, s in e.signals.items()}
     short = replace(e, time=e.time[:end], ctrl=e.ctrl[:end], signals=signals)
-    recording = robot.recording.episodes | {odd: short}
+    episodes = {**robot.recording.episodes, odd: short}
     return Setup(
         "short run",
         ("odd_episode",),
         frozenset([odd]),
-        replace(robot.recording, episodes=recording),
+        replace(robot.recording, episodes=episodes),
         robot.xml,
     )
 
