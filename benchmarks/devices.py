@@ -22,6 +22,7 @@ from benchmarks.diagnosis_runs import (
     diagnose_cases,
     score_replay,
 )
+from benchmarks.recordings import edit_episodes, select_signals
 from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND
@@ -124,11 +125,8 @@ def score_on_test(
     """
     test = read(recordings / device.test)
     if device.split:
-        episodes = {
-            key: replace(e, signals={"vertical": e.signals["vertical"]})
-            for key, e in _select_every_second(test, 1).episodes.items()
-        }
-        test = replace(test, episodes=episodes)
+        odd = _select_every_second(test, 1)
+        test = edit_episodes(odd, lambda e: select_signals(e, ["vertical"]))
     other = ["--model", str((recordings / device.other).resolve())]
     more = other if device.other else []
     return score_replay(case / FOUND, test, (program, "replay"), *more)

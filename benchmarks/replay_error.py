@@ -1,13 +1,13 @@
 """The contract's score of a model on a test: takes recordings, gives one number."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 
+from benchmarks.recordings import edit_episodes, edit_values
 from selfheal.recording import Episode, Recording, reorder_commands
 
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
@@ -153,14 +153,8 @@ def extract_values(recording: Recording) -> dict[str, Values]:
 
 def drop_samples(recording: Recording) -> Recording:
     """The recording with every sample missing: the inputs of a test alone."""
-    episodes = {
-        key: replace(
-            e,
-            signals={
-                n: replace(s, values=np.full_like(s.values, np.nan))
-                for n, s in e.signals.items()
-            },
-        )
-        for key, e in recording.episodes.items()
-    }
-    return replace(recording, episodes=episodes)
+
+    def drop(name: str, values: np.ndarray) -> np.ndarray:
+        return np.full_like(values, np.nan)
+
+    return edit_episodes(recording, lambda e: edit_values(e, drop))

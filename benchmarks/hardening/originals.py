@@ -31,6 +31,7 @@ from benchmarks.hardening.mutate_trees import (
     mutate_xml,
 )
 from benchmarks.hardening.process import Ended, run_forked, run_selfheal
+from benchmarks.recordings import edit_episodes, select_signals
 from benchmarks.writer import INTACT
 
 KINDS = ("recording", "model", "run", "study", "diagnosis", "logs")
@@ -119,7 +120,7 @@ def insist(ended: Ended) -> None:
 def write_small_files(folder: Path) -> None:
     """Models, recordings and a diagnosis of an arm and of the starfish."""
     from selfheal.body.mjcf import format_mjcf
-    from selfheal.recording import write
+    from selfheal.recording import Episode, write
     from tests.support.mjcf_models import CUBE
     from tests.support.recorded_robots import ROBOTS, record
     from tests.support.short_heal import BODY, record_walks
@@ -132,16 +133,12 @@ def write_small_files(folder: Path) -> None:
     os.mkfifo(folder / "pipe")
     arm = record(ROBOTS["arm"], episodes=3, seconds=1.0)
     write(arm, folder / "arm.h5")
-    free = {
-        name: replace(
-            e,
-            ctrl=np.zeros((e.time.size, 0)),
-            ctrl_names=(),
-            signals={k: e.signals[k] for k in ("shoulder", "elbow")},
-        )
-        for name, e in arm.episodes.items()
-    }
-    write(replace(arm, episodes=free), folder / "free.h5")
+
+    def free(e: Episode) -> Episode:
+        kept = select_signals(e, ("shoulder", "elbow"))
+        return replace(kept, ctrl=np.zeros((e.time.size, 0)), ctrl_names=())
+
+    write(edit_episodes(arm, free), folder / "free.h5")
     write(record_walks()[1], folder / "walk.h5")
     (folder / "body.xml").write_text(format_mjcf(BODY))
     # readings of a real robot where they are at hand

@@ -19,10 +19,12 @@ from benchmarks.hidden.sensors import (
     Sensor,
     measure_joints,
     measure_pose,
+    measure_torque,
 )
 from benchmarks.hidden.simulator import Command, MotionPlan, Rollout
 from benchmarks.hidden.truth import UnfitDraw
-from selfheal.recording import Recording
+from benchmarks.recordings import edit_episodes, select_signals
+from selfheal.recording import Episode, Recording
 
 FARTHEST = 4.0  # swings; a robot that goes farther was unstable; chosen
 LEAST = 0.2  # swings from end to end; a joint that moves less is stuck; chosen
@@ -43,19 +45,14 @@ def _list_sensors(robot: Robot, log: Log) -> dict[str, Sensor]:
         swing = robot.amplitude[joint]
         speed = log.speed * swing * 2 * np.pi * robot.rate
         sensors = measure_joints(robot, [joint], log.noise * swing, speed)
-        name, slide = f"{joint}_position", robot.is_slide(joint)
         if log.steps:
-            step = (0.1 if slide else 2 * np.pi) / log.steps
+            step = (0.1 if robot.is_slide(joint) else 2 * np.pi) / log.steps
+            name = f"{joint}_position"
             sensors[name] = replace(sensors[name], step=step)
         if log.torque or log.repeats:
-            noise, unit = 0.0 if log.repeats else log.torque * torque, "N m"
-            sensors[f"{joint}_torque"] = Sensor(
-                "joint_torque",
-                robot.find_actuator(joint),
-                "N" if slide else unit,
-                noise,
-                repeats=log.repeats,
-            )
+            noise = 0.0 if log.repeats else log.torque * torque
+            measured = measure_torque(robot, joint, noise, repeats=log.repeats)
+            sensors[f"{joint}_torque"] = measured
         found |= sensors
     return found
 
@@ -151,15 +148,12 @@ def _check_rollout(draft: Draft, run: Rollout) -> None:
 
 def _cut(record: Record, seconds: float) -> Recording:
     """Pieces without the places of bodies: of links near the base they hardly move."""
-    pieces = record.cut(seconds, CALM).seen
-    episodes = {
-        name: replace(
-            e,
-            signals={n: s for n, s in e.signals.items() if s.kind != "body_position"},
-        )
-        for name, e in pieces.episodes.items()
-    }
-    return replace(pieces, episodes=episodes)
+
+    def drop(e: Episode) -> Episode:
+        kept = [n for n, s in e.signals.items() if s.kind != "body_position"]
+        return select_signals(e, kept)
+
+    return edit_episodes(record.cut(seconds, CALM).seen, drop)
 
 
 def find_kind(kind: str, seed: int) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.hidden.robots.robot import Rng, Robot
 from benchmarks.hidden.simulator import MotionPlan, Rollout, Simulator
 from benchmarks.hidden.truth import HiddenRobot, SensorModel
+from benchmarks.recordings import select_rows
 from selfheal.recording import Episode, Recording, Signal, find_output
 
 
@@ -57,6 +58,14 @@ def measure_joints(
                 "joint_velocity", joint, f"{unit}/s", speed
             )
     return found
+
+
+def measure_torque(
+    robot: Robot, joint: str, noise: float, *, repeats: bool = False
+) -> Sensor:
+    """The torque of what moves a joint, with noise [N m or N]."""
+    unit = "N" if robot.is_slide(joint) else "N m"
+    return Sensor("joint_torque", robot.find_actuator(joint), unit, noise, 0.0, repeats)
 
 
 def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:
@@ -286,14 +295,5 @@ def record_plans(
 
 def _cut_segment(episode: Episode, run: Rollout, at: np.ndarray) -> Episode:
     first = int(np.argmax(at))
-    signals = {
-        name: replace(s, values=s.values[at]) for name, s in episode.signals.items()
-    }
-    return replace(
-        episode,
-        time=episode.time[at],
-        ctrl=episode.ctrl[at],
-        signals=signals,
-        qpos0=run.qpos[first].copy(),
-        qvel0=run.qvel[first].copy(),
-    )
+    state = {"qpos0": run.qpos[first].copy(), "qvel0": run.qvel[first].copy()}
+    return replace(select_rows(episode, at), **state)

@@ -8,6 +8,12 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from benchmarks.recordings import (
+    edit_episodes,
+    edit_values,
+    join_readings,
+    select_rows,
+)
 from selfheal.recording import Episode, Recording
 from selfheal.telemetry import Fault
 from selfheal.telemetry.joints import JointColumns, list_joints
@@ -191,7 +197,7 @@ def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
 
 def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
     def tear(e: Episode) -> Episode:
-        return _select(e, np.abs(e.time - e.time.mean()) > 0.2)
+        return select_rows(e, np.abs(e.time - e.time.mean()) > 0.2)
 
     def repeat(e: Episode) -> Episode:
         steps = np.diff(e.time, prepend=e.time[0] - 1)
@@ -209,14 +215,6 @@ def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
             )
 
 
-def edit_episodes(
-    recording: Recording, change: Callable[[Episode], Episode]
-) -> Recording:
-    """A recording with every episode changed."""
-    episodes = {name: change(e) for name, e in recording.episodes.items()}
-    return replace(recording, episodes=episodes)
-
-
 def change_columns(
     recording: Recording, columns: Collection[str], change: Change
 ) -> Recording:
@@ -226,11 +224,8 @@ def change_columns(
 
 def _change(e: Episode, columns: Collection[str], change: Change) -> Episode:
     """An episode with some signals changed; the state it begins with is left out."""
-    signals = {
-        name: replace(s, values=change(e.time, s.values)) if name in columns else s
-        for name, s in e.signals.items()
-    }
-    return replace(e, signals=signals, qpos0=None, qvel0=None)
+    changed = edit_values(e, lambda n, x: change(e.time, x) if n in columns else x)
+    return replace(changed, qpos0=None, qvel0=None)
 
 
 def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
@@ -242,18 +237,10 @@ def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording
     """A recording in which each of some columns has the readings of another."""
 
     def exchange(e: Episode) -> Episode:
-        signals = {
-            name: replace(s, values=e.signals[columns.get(name, name)].values)
-            for name, s in e.signals.items()
-        }
-        return replace(e, signals=signals, qpos0=None, qvel0=None)
+        taken = edit_values(e, lambda n, x: e.signals[columns.get(n, n)].values)
+        return replace(taken, qpos0=None, qvel0=None)
 
     return edit_episodes(recording, exchange)
-
-
-def _select(e: Episode, rows: np.ndarray) -> Episode:
-    signals = {n: replace(s, values=s.values[rows]) for n, s in e.signals.items()}
-    return replace(e, time=e.time[rows], ctrl=e.ctrl[rows], signals=signals)
 
 
 def _delay(seconds: float, time: Values, x: Values) -> Values:
@@ -277,11 +264,6 @@ def _narrow(
 
 def _moves(recording: Recording, name: str) -> bool:
     return bool(np.nanstd(join_readings(recording, name)) > 0.05)
-
-
-def join_readings(recording: Recording, name: str) -> Values:
-    """(T, ...) readings of a signal in all episodes."""
-    return np.concatenate([e.signals[name].values for e in recording.episodes.values()])
 
 
 def _stretch(time: Values, x: Values, slope: float) -> Values:

@@ -8,13 +8,17 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.recordings import (
+    edit_episodes,
+    edit_values,
+    join_readings,
+    select_rows,
+)
 from benchmarks.telemetry.drawn_robots import DrawnRobot
 from benchmarks.telemetry.faults import (
     DEGREES,
     change_columns,
-    edit_episodes,
     exchange_columns,
-    join_readings,
 )
 from selfheal.recording import Recording
 
@@ -203,8 +207,7 @@ def make_short_run(robot: DrawnRobot, rng: Rng) -> Setup:
         values["gyro"][k] = data.sensor("gyro").data + rng.normal(0, 5e-3, 3)
         values["acc"][k] = data.sensor("acc").data + rng.normal(0, 0.04, 3)
         mujoco.mj_step(model, data, steps)
-    signals = {n: replace(s, values=values[n]) for n, s in e.signals.items()}
-    short = replace(e, time=e.time[:end], ctrl=e.ctrl[:end], signals=signals)
+    short = edit_values(select_rows(e, slice(end)), lambda n, x: values[n])
     episodes = {**robot.recording.episodes, odd: short}
     return Setup(
         "short run",

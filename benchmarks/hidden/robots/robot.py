@@ -118,6 +118,11 @@ def get_name(target: str) -> str:
     return target.partition(":")[2]
 
 
+def draw_log_uniform(rng: Rng, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 @dataclass
 class NumberDraw:
     """Draws a model's numbers; those listed as zero are stated as 0.
