@@ -37,8 +37,6 @@ class Device:
     Attributes:
         model: its file, as are `train` and `test`; where both are the same, even
             episodes are diagnosed and odd ones score, by `vertical` alone.
-        train: recording that is diagnosed.
-        test: recording that scores.
         asked: score [1] to reach.
         other: model that the findings are replayed on; empty: the diagnosed one.
         raised: whether the model's hips are set too high.

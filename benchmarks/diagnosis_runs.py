@@ -35,7 +35,6 @@ class ProcessLimits:
 
     Attributes:
         seconds: after which it is killed and recorded as a failure.
-        program: words that start the diagnosis.
         cores: of each process; empty: all.
     """
 

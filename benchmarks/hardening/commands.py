@@ -29,7 +29,6 @@ class WritingCommand:
     """A command that writes files.
 
     Attributes:
-        start: its arguments.
         again: its arguments where files of an earlier run are there: to go on with
             that run, or to replace them.
         resumed: its arguments after a kill; `start` where they are empty or where

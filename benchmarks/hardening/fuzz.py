@@ -31,9 +31,6 @@ class Mutant:
     """A damaged file and the command that is to read it.
 
     Attributes:
-        original: what was damaged.
-        mutate: how.
-        content: of the damaged file.
         command: arguments, paths in the folder of originals.
     """
 

@@ -56,8 +56,6 @@ class Original:
     """A whole file, and what reads it.
 
     Attributes:
-        file: its path in the folder of originals.
-        mutate: ways to damage it.
         commands: arguments of commands that read it, paths in that folder.
         pause: after so long a command that shows progress is stopped [s].
     """

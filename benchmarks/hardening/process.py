@@ -36,7 +36,6 @@ class Ended:
         code: its exit code; None where a signal ended it.
         signal: name of that signal, "" if none.
         hung: whether it was stopped because it took too long.
-        seconds: it took [s].
         megabytes: peak of its memory [MB]; 0 where a signal ended it.
         printed: standard output.
         said: standard error.

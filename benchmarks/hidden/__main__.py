@@ -43,10 +43,8 @@ class Suite:
     """A suite of cases.
 
     Attributes:
-        title: of its page.
         kinds: of its cases, the usual one first; empty: it is not drawn.
         list_tasks: the cases that the command line asks for.
-        read_case: judges one case of a folder.
         page: its template in judge/.
         tabulate: gives what the page shows of judged cases.
     """

@@ -61,7 +61,6 @@ class Draft:
         robot: without anything stated of its drives.
         hidden: what the robot has.
         stated: what its model has.
-        log: how it is recorded.
         feedback: whether its commands are torques that follow goals.
         masses: relative errors of the links' masses, by body.
     """

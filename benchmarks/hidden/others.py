@@ -24,13 +24,10 @@ class OtherCase:
     """One case.
 
     Attributes:
-        robot: as given, of `WRITTEN`.
         stated: seed of the errors in what the model states.
-        seed: of the recording.
         effects: what is missing from the model: effect, target and values.
         off: errors of what the model states that are chosen, by "kind:name".
         jitter: share that the time between samples varies by.
-        missing: share of the samples.
         state: True where episodes state where they start.
         motor: True where joint positions are the motors'.
     """

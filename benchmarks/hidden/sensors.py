@@ -19,9 +19,6 @@ class Sensor:
     """What one signal is.
 
     Attributes:
-        kind: of contract section 1.
-        target: what it is a reading of.
-        unit: of it.
         noise: its standard deviation; [rad] of an orientation.
         step: of an encoder, 0: none.
         repeats: whether a torque that is reported is the one commanded.
@@ -95,8 +92,6 @@ class Instruments:
     """Turns runs into recordings.
 
     Attributes:
-        robot: of the runs.
-        sensors: by signal.
         memory: correlation of a sample's noise with the one before; 0 is white.
         dropout: share of samples missing.
         epoch: [s] time of the first sample.
@@ -205,7 +200,6 @@ class Record:
     """A recording, with what is known of it.
 
     Attributes:
-        seen: as recorded.
         clean: the same without noise.
         runs: the rollouts behind its episodes.
     """

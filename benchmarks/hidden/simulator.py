@@ -21,7 +21,6 @@ class MotionPlan:
     """The commands of one episode.
 
     Attributes:
-        motion: label.
         rows: (T) fine step of each sample.
         command: what is sent at a sample, which may depend on the state.
         qpos: (nq) start, in the given model's coordinates.

@@ -44,13 +44,7 @@ class Stretch:
 
 
 class Probe:
-    """Stretches spread evenly over rollouts: read, and simulated by other models.
-
-    Attributes:
-        instruments: that read the rollouts.
-        robot: as given.
-        stretches: of the rollouts.
-    """
+    """Stretches spread evenly over rollouts: read, and simulated by other models."""
 
     def __init__(self, instruments: Instruments, runs: Sequence[Rollout]) -> None:
         self.instruments, self.robot = instruments, instruments.robot

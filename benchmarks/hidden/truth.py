@@ -59,11 +59,8 @@ class HiddenRobot:
     """A hidden robot in the making.
 
     Attributes:
-        robot: whose model it starts from.
-        spec: its mechanics.
         shapers: by actuator, in order.
         forces: makers of forces, called with the compiled model.
-        readings: by signal name.
         plays: by joint: the joint that sits between motor and link.
         pinned: [rad] joints that do not move, by name.
         sprung: joints that nothing drives, which start where their spring holds.

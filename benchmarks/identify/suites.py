@@ -17,11 +17,8 @@ class SuiteRow:
     """One configuration of a suite.
 
     Attributes:
-        name: in the table.
         settings: of its runs; the seed and the recording are filled in, and `{seed}` in
             the robot's name.
-        seeds: how many.
-        target: in words.
     """
 
     name: str

@@ -28,12 +28,7 @@ CHANGES = {
 
 @dataclass(frozen=True)
 class ChangedLegs:
-    """A robot that is whole until it is struck, by what no damage says.
-
-    Attributes:
-        whole: before.
-        changed: after.
-    """
+    """A robot that is whole until it is struck, by what no damage says."""
 
     whole: SimulatedLegs
     changed: SimulatedLegs

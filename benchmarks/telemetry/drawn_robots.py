@@ -45,7 +45,6 @@ class DrawnRobot:
 
     Attributes:
         xml: the MJCF as it should be.
-        recording: without any fault.
         gains: stiffness and damping of each joint's servo; empty: torque motors.
     """
 

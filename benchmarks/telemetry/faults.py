@@ -36,10 +36,8 @@ class Injection:
     """One fault in one recording.
 
     Attributes:
-        name: of the sort of fault.
         kinds: of faults that name it rightly.
         columns: that are at fault, or the episode; empty where it is the time.
-        recording: with the fault.
         model: the given one, or with a narrowed range.
     """
 

@@ -38,7 +38,6 @@ class Setup:
         kinds: of faults that name it rightly.
         columns: that are at fault, or the episode; empty where it is the model.
         recording: of the robot, as the log has it.
-        xml: of the model.
     """
 
     name: str

@@ -88,10 +88,8 @@ class Effect:
 
     Attributes:
         draw: gives a function from a size (about 1) to its parameters.
-        install: puts it into the hidden robot.
         name: of contract section 4.
         where: which of a robot's joints, bodies and so on can have it.
-        units: of its parameters.
         sizes: smallest and largest size that is still sane.
         zeroes: values that the given model must not state, "{}" being the target; "?":
             in half of the cases.
@@ -133,9 +131,6 @@ class PlacedEffect:
     """An effect at a place, with what it is made of.
 
     Attributes:
-        effect: of the catalogue, or unlisted.
-        target: where.
-        values: its parameters.
         strength: error over noise, as it is and after a refit.
     """
 
@@ -189,13 +184,7 @@ def draw_nothing(robot: Robot, target: str, rng: Rng) -> Sized:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of the compiled hidden robot.
-
-    Attributes:
-        robot: as given.
-        name: of the joint.
-        model: compiled.
-    """
+    """A joint of the compiled hidden robot."""
 
     robot: Robot
     name: str

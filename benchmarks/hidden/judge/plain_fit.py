@@ -25,7 +25,6 @@ class DriveFit:
     """A model with the values that were fitted.
 
     Attributes:
-        model: compiled.
         values: (3, n) dry friction [N m or N], viscous friction and rotors.
         delay: [s] of the commands.
     """

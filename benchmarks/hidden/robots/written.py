@@ -202,9 +202,6 @@ class WrittenRobot:
     """A given model, its sensors and its motion.
 
     Attributes:
-        file: its name in the folder `written`.
-        signals: by name.
-        motion: what commands it.
         seconds: of an episode.
         episodes: of a recording.
         rate: [Hz] of the samples.
