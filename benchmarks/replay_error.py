@@ -1,7 +1,6 @@
 """The contract's score of a model on a test: takes recordings, gives one number."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -16,7 +15,7 @@ Values = dict[str, np.ndarray]
 
 
 def simulate_open_loop(
-    model: Any, recording: Recording, delay: float = 0.0
+    model: mujoco.MjModel, recording: Recording, delay: float = 0.0
 ) -> dict[str, Values]:
     """Joint positions, body poses and sensors of a model, by episode and signal.
 
@@ -53,7 +52,7 @@ def average_commands(
     return np.diff(np.array(columns).T.reshape(count + 1, -1), axis=0) / step
 
 
-def _simulate_episode(model: Any, episode: Episode, delay: float) -> Values:
+def _simulate_episode(model: mujoco.MjModel, episode: Episode, delay: float) -> Values:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -79,7 +78,7 @@ def _simulate_episode(model: Any, episode: Episode, delay: float) -> Values:
     return _extract_signals(model, episode, np.array(rows), np.array(sensed))
 
 
-def _extract_signals(model: Any, episode: Episode, qpos, sensed) -> Values:
+def _extract_signals(model: mujoco.MjModel, episode: Episode, qpos, sensed) -> Values:
     found = {}
     for name, signal in episode.signals.items():
         if signal.kind == "joint_position":
@@ -93,7 +92,7 @@ def _extract_signals(model: Any, episode: Episode, qpos, sensed) -> Values:
     return found
 
 
-def _read_pose(model: Any, body: str, qpos: np.ndarray):
+def _read_pose(model: mujoco.MjModel, body: str, qpos: np.ndarray):
     """Position (T, 3) and quaternion (T, 4) of a body."""
     data, poses = mujoco.MjData(model), []
     for row in qpos:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -77,7 +76,7 @@ def _carry_weight(robot: Robot, follow: Command) -> Command:
     most = 8 * np.array(list(robot.load.values()))
     at = [model.joint(joint).dofadr[0] for joint in robot.load]
 
-    def command(i: int, there: Any) -> np.ndarray:
+    def command(i: int, there: mujoco.MjData) -> np.ndarray:
         data.qpos[:] = there.qpos
         mujoco.mj_forward(model, data)
         return np.clip(follow(i, there) + data.qfrc_bias[at], -most, most)
@@ -118,7 +117,9 @@ def _draw_start(robot: Robot, rng: Rng) -> np.ndarray:
     return rng.uniform(0.4, 1.0, n) * rng.choice([-1, 1], n)
 
 
-def _close_loops(model: Any, joints: Sequence[str], qpos: np.ndarray) -> np.ndarray:
+def _close_loops(
+    model: mujoco.MjModel, joints: Sequence[str], qpos: np.ndarray
+) -> np.ndarray:
     """All coordinates at those (n) of some joints, as the equality constraints ask."""
     data = mujoco.MjData(model)
     read = [model.joint(name).qposadr[0] for name in joints]

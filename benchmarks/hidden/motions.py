@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.robots.robot import Rng, Robot
@@ -104,7 +105,7 @@ def follow_goals(robot: Robot, goals: np.ndarray) -> Command:
     if robot.drive == "servo":
         return command_table(goals)
 
-    def command(i: int, data: Any) -> np.ndarray:
+    def command(i: int, data: mujoco.MjData) -> np.ndarray:
         sent = []
         for joint, goal in zip(robot.actuators.values(), goals[i], strict=True):
             stiff, damp = robot.gains[joint]

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.case import Case, Experiment, Session, build_case
@@ -87,7 +88,7 @@ def _plan_episodes(
                 due += 1 / written.rate * (1 + case.jitter * rng.uniform(-1, 1))
         at = np.array(rows)
 
-        def command(i: int, data: Any, control=control, at=at) -> np.ndarray:
+        def command(i: int, data: mujoco.MjData, control=control, at=at) -> np.ndarray:
             return control(at[i] * robot.fine, data)
 
         yield MotionPlan("", at, command, qpos, qvel)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -110,7 +109,7 @@ class Instruments:
         sensors = {n: replace(s, noise=0.0, step=0.0) for n, s in self.sensors.items()}
         return replace(self, sensors=sensors, dropout=0.0)
 
-    def read_clean(self, run: Rollout, model: Any) -> dict[str, Signal]:
+    def read_clean(self, run: Rollout, model: mujoco.MjModel) -> dict[str, Signal]:
         """Every signal, measurement effects included, noise not."""
         found = {}
         for name, sensor in self.sensors.items():
@@ -121,7 +120,7 @@ class Instruments:
         return found
 
     def _read_true(
-        self, sensor: Sensor, reading: SensorModel, run: Rollout, hidden: Any
+        self, sensor: Sensor, reading: SensorModel, run: Rollout, hidden: mujoco.MjModel
     ) -> np.ndarray:
         model, target = self.robot.model, sensor.target
         if sensor.kind == "joint_position":
@@ -172,7 +171,7 @@ class Instruments:
         )
 
 
-def _read_state(sensor: Sensor, run: Rollout, model: Any) -> np.ndarray:
+def _read_state(sensor: Sensor, run: Rollout, model: mujoco.MjModel) -> np.ndarray:
     """What a body's pose or a sensor of the model is in the hidden robot's states."""
     data, found = mujoco.MjData(model), []
     for state, ctrl in zip(run.whole, run.ctrl, strict=True):

@@ -74,7 +74,7 @@ class Probe:
             found.append(qpos[stretch.samples])
         return np.concatenate(found)
 
-    def simulate(self, spec: Any) -> np.ndarray:
+    def simulate(self, spec: mujoco.MjSpec) -> np.ndarray:
         """Positions (samples, nq) by a model, each stretch from where it begins."""
         model, fine = spec.compile(), self.robot.fine
         each = max(round(float(model.opt.timestep) / fine), 1)

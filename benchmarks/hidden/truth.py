@@ -40,7 +40,7 @@ class CommandShaper(Protocol):
 class Force(Protocol):
     """A force, or a changed coefficient, of every step."""
 
-    def __call__(self, data: Any, time: float) -> None:
+    def __call__(self, data: mujoco.MjData, time: float) -> None:
         """Add to data.qfrc_applied, or to the model; time < 0: settling."""
 
 
@@ -69,11 +69,11 @@ class HiddenRobot:
     """
 
     robot: Robot
-    spec: Any
+    spec: mujoco.MjSpec
     shapers: dict[str, list[Callable[[float], CommandShaper]]] = field(
         default_factory=dict
     )
-    forces: list[Callable[[Any], Force]] = field(default_factory=list)
+    forces: list[Callable[[mujoco.MjModel], Force]] = field(default_factory=list)
     readings: dict[str, SensorModel] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
     pinned: dict[str, float] = field(default_factory=dict)
@@ -147,7 +147,7 @@ def list_nuisances(robot: Robot) -> list[Nuisance]:
     return found
 
 
-def scale_value(spec: Any, kind: str, name: str, factor: float) -> None:
+def scale_value(spec: mujoco.MjSpec, kind: str, name: str, factor: float) -> None:
     """Multiply a stated value in the hidden robot's MjSpec.
 
     Args:

@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 from unittest import mock
 
+import mujoco
 import numpy as np
 
 from selfheal.body.damage import Damage
@@ -86,18 +87,18 @@ def _edit_model(robot: LeggedRobot, change: Callable[[Any], None]) -> Any:
     return model
 
 
-def _move_zero(spec: Any, place: str) -> None:
+def _move_zero(spec: mujoco.MjSpec, place: str) -> None:
     """Let a joint read 0.3 rad where it stands at its default angle."""
     spec.joint(place).ref = np.degrees(0.3)
 
 
-def _lengthen(spec: Any, place: str) -> None:
+def _lengthen(spec: mujoco.MjSpec, place: str) -> None:
     """Lengthen a lower leg, with the sensor about it, by 20 %; it weighs the same."""
     for each in (spec.geom(place), spec.site(place)):
         each.fromto[:] = 1.2 * each.fromto
 
 
-def _make_sticky(spec: Any, place: str) -> None:
+def _make_sticky(spec: mujoco.MjSpec, place: str) -> None:
     """Give a joint dry friction of half its motor's torque."""
     (motor,) = (a for a in spec.actuators if a.target == place)
     spec.joint(place).frictionloss = 0.5 * motor.forcerange[1]

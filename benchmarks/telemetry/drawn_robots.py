@@ -7,7 +7,6 @@ the MJCF states is 8 % off, as it usually is.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -237,7 +236,7 @@ def _follow_by_torque(robot: Robot, goals: Values) -> Command:
     stiffness = rate**2 * np.diag(inertia)
     low, high = model.actuator_ctrlrange.T
 
-    def command(k: int, there: Any) -> Values:
+    def command(k: int, there: mujoco.MjData) -> Values:
         data.qpos[:], data.qvel[:] = there.qpos, there.qvel
         mujoco.mj_forward(model, data)
         asked = stiffness * (goals[k] - data.qpos) + data.qfrc_bias / 2

@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import MjData
 
 from benchmarks.hidden.robots.robot import Rng, Robot, get_name
 from benchmarks.hidden.truth import Force, HiddenRobot
@@ -188,7 +188,7 @@ class Joint:
 
     robot: Robot
     name: str
-    model: Any
+    model: mujoco.MjModel
 
     @cached_property
     def q(self) -> int:
@@ -216,7 +216,7 @@ class Joint:
         return float(self.model.actuator_gainprm[self.actuator, 0])
 
 
-def push_joint(push: Callable[[Joint, Values, mujoco.MjData, float], None]) -> Install:
+def push_joint(push: Callable[[Joint, Values, MjData, float], None]) -> Install:
     """What installs a force at the joint of a target, which keeps nothing.
 
     Args:

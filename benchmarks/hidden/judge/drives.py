@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.diagnosis_runs import DOCUMENT, replay_inputs
@@ -74,7 +75,7 @@ def measure_references(
     given = draft.state_model().model
     fit = fit_drives(given, train)
 
-    def predict(model: Any, delay: float) -> dict[str, float]:
+    def predict(model: mujoco.MjModel, delay: float) -> dict[str, float]:
         return {
             name: compute_score(simulate_open_loop(model, pieces, delay), pieces)
             for name, pieces in tests.items()
