@@ -29,7 +29,8 @@ from benchmarks.hidden.case import Case, save_case
 from benchmarks.hidden.judge import drives as judge_drives
 from benchmarks.hidden.judge import page
 from benchmarks.hidden.judge import sealed as judge_sealed
-from benchmarks.hidden.judge.sealed import Judged, read_json
+from benchmarks.hidden.judge.names import Judged
+from benchmarks.hidden.judge.sealed import read_json
 from benchmarks.hidden.truth import UnfitDraw
 from benchmarks.writer import make_parser, publish_page
 from selfheal.errors import InputError

@@ -15,6 +15,8 @@ from benchmarks.hidden.drives import HORIZONS, draft_case
 from benchmarks.hidden.effects.base import PlacedEffect
 from benchmarks.hidden.judge.names import (
     ALSO,
+    Judged,
+    describe,
     judge_names,
     read_places,
     select_real_findings,
@@ -33,7 +35,6 @@ from benchmarks.replay_error import compute_score, extract_values, simulate_open
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read
 
-Judged = dict[str, Any]
 Pieces = Mapping[str, Recording]  # by horizon
 NEAR_FLOOR = 1.3  # times the truth's error, within which "nothing" may be said
 EXPLAINED = 0.9  # of what the truth removes of the given model's error
@@ -162,8 +163,8 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
         measured = measure_references(draft, experiment, train, tests)
         with atomic_path(known) as path:
             path.write_text(json.dumps(measured, indent=1, default=float) + "\n")
-    references, run = json.loads(known.read_text()), read_json(case / "run.json") or {}
-    document = read_json(case / DOCUMENT) or {}
+    references, run = json.loads(known.read_text()), read_json(case / "run.json")
+    document = read_json(case / DOCUMENT)
     findings = select_real_findings(document, key)
     errors = references["errors"]
     # without a diagnosis the user has the model as given
@@ -175,7 +176,7 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
         "robot": f"{key['robot']}, {experiment.robot.drive}, {key['rate']:.0f} Hz",
         "run": {k: v for k, v in run.items() if k != "stderr"},
         "verdict": verdict,
-        "found": [f"{f['effect']} {f['target']}" for f in findings],
+        "found": describe(findings),
         **judge_names(findings, references["effects"], read_places(case)),
         "errors": {**errors, "selfheal": found or errors["given"]},
         "replayed": bool(found),

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.diagnosis_runs import DOCUMENT, score_diagnosis
-from benchmarks.hidden.judge.names import judge_case, read_places
+from benchmarks.hidden.judge.names import Judged, judge_case, read_places
 from selfheal.study.statistics import compute_wilson_interval
-
-Judged = dict[str, Any]
 
 
 def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
@@ -126,14 +124,14 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
         replay: words that start a replay; empty: the test is not replayed.
     """
     key = json.loads((keys / case.name / "key.json").read_text())
-    diagnosis, run = read_json(case / DOCUMENT), read_json(case / "run.json")
-    judged = judge_case(key, diagnosis, run, read_places(case))
-    found = {"case": case.name, **judged, "test": key.get("test", {})}
+    judged = judge_case(key, read_json(case / DOCUMENT), read_places(case))
+    run = {k: v for k, v in read_json(case / "run.json").items() if k != "stderr"}
+    found = {"case": case.name, **judged, "run": run, "test": key.get("test", {})}
     if replay:
         found["patched"] = score_diagnosis(case, keys / case.name, replay)
     return found
 
 
-def read_json(file: Path) -> dict[str, Any] | None:
-    """What a JSON file holds; None where there is none."""
-    return json.loads(file.read_text()) if file.is_file() else None
+def read_json(file: Path) -> dict[str, Any]:
+    """What a JSON file holds; nothing where there is none."""
+    return json.loads(file.read_text()) if file.is_file() else {}
