@@ -10,6 +10,7 @@ says (section 2); makes docs/results/devices.md of all that DIR holds.
 import json
 import shutil
 import sys
+import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from benchmarks.diagnosis_runs import (
     diagnose_cases,
     score_replay,
 )
+from benchmarks.recordings import edit_episodes, select_signals
 from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND
@@ -31,17 +33,7 @@ HIPS_UP = 0.015  # [m] by which the hips of the raised starfish are too high
 
 @dataclass(frozen=True)
 class Device:
-    """A set of recordings of one device.
-
-    Attributes:
-        model: its file, as are `train` and `test`; where both are the same, even
-            episodes are diagnosed and odd ones score, by `vertical` alone.
-        train: recording that is diagnosed.
-        test: recording that scores.
-        asked: score [1] to reach.
-        other: model that the findings are replayed on; empty: the diagnosed one.
-        raised: whether the model's hips are set too high.
-    """
+    """A set of recordings of one device, as devices.toml says."""
 
     model: str
     train: str
@@ -56,48 +48,16 @@ class Device:
         return self.train == self.test
 
 
-def _define_servo(kp: int) -> Device:
-    """A servo at one gain, whose findings are replayed at another."""
-    folder = "xl330/servo"
-    return Device(
-        f"{folder}/model_kp{kp}.xml",
-        f"{folder}/train_kp{kp}.h5",
-        f"{folder}/test_kp400.h5",
-        0.09,
-        f"{folder}/model_kp400.xml",
-    )
-
-
-def _define_device(folder: str, asked: float, kind: str = "") -> Device:
-    """A device whose three files lie in one folder."""
-    model, train, test = f"model{kind}.xml", f"train{kind}.h5", f"test{kind}.h5"
-    return Device(f"{folder}/{model}", f"{folder}/{train}", f"{folder}/{test}", asked)
-
-
-_STAR = "starfish_2006"
-_BODY, _HURT, _WHOLE = (
-    f"{_STAR}/{name}" for name in ("published_body.xml", "damaged.h5", "intact.h5")
-)
 DEVICES = {
-    "kp100": _define_servo(100),
-    "kp200": _define_servo(200),
-    "kp800": _define_servo(800),
-    "voltage": _define_device("xl330", 0.125),
-    "released": _define_device("xl330", 0.19, "_released"),
-    "double_pendulum": _define_device("double_pendulum_c1", 0.08),
-    "cube": _define_device("cube_toss", 0.22),
-    "starfish_damaged": Device(_BODY, _HURT, _HURT, 0.25),
-    "starfish_raised": Device(_BODY, _WHOLE, _WHOLE, 0.096, raised=True),
+    name: Device(**table)
+    for name, table in tomllib.loads(
+        Path(__file__).with_suffix(".toml").read_text()
+    ).items()
 }
 
 
 def prepare_case(device: Device, recordings: Path, case: Path) -> None:
-    """Write what is diagnosed of a device into a folder: model.xml and recording.h5.
-
-    Args:
-        recordings: folder of the recordings of all devices.
-        case: folder that is written; it is made.
-    """
+    """Write what is diagnosed of a device into a folder: model.xml and recording.h5."""
     case.mkdir(parents=True, exist_ok=True)
     shutil.copy(recordings / device.model, case / "model.xml")
     if device.raised:
@@ -124,19 +84,13 @@ def score_on_test(
 ) -> float | None:
     """Score of a diagnosis on the device's test, by `selfheal replay`.
 
-    Args:
-        recordings: folder of the recordings of all devices.
-
     Returns:
         The normalized error, or None where the replay failed.
     """
     test = read(recordings / device.test)
     if device.split:
-        episodes = {
-            key: replace(e, signals={"vertical": e.signals["vertical"]})
-            for key, e in _select_every_second(test, 1).episodes.items()
-        }
-        test = replace(test, episodes=episodes)
+        odd = _select_every_second(test, 1)
+        test = edit_episodes(odd, lambda e: select_signals(e, ["vertical"]))
     other = ["--model", str((recordings / device.other).resolve())]
     more = other if device.other else []
     return score_replay(case / FOUND, test, (program, "replay"), *more)
@@ -146,8 +100,6 @@ def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, 
     """A row of the results: what was found of a device, its score, time and memory.
 
     Args:
-        name: key of `DEVICES`.
-        case: folder that has the diagnosis and run.json.
         reached: score on the test, None where the replay failed.
     """
     said = json.loads((case / DOCUMENT).read_text())

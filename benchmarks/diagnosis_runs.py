@@ -35,7 +35,6 @@ class ProcessLimits:
 
     Attributes:
         seconds: after which it is killed and recorded as a failure.
-        program: words that start the diagnosis.
         cores: of each process; empty: all.
     """
 
@@ -112,11 +111,7 @@ def _read_tail(file: Any) -> str:
 
 
 def score_diagnosis(case: Path, key: Path, program: tuple[str, ...]) -> float | None:
-    """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json.
-
-    Args:
-        key: folder that has test.h5.
-    """
+    """Score of a diagnosis on its test, by `selfheal replay`; kept in proof.json."""
     kept, diagnosis = case / "proof.json", case / FOUND
     if kept.is_file():
         return json.loads(kept.read_text())["patched"]

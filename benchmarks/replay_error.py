@@ -1,13 +1,12 @@
 """The contract's score of a model on a test: takes recordings, gives one number."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any
 
 import mujoco
 import numpy as np
 from mujoco import rollout
 
+from benchmarks.recordings import edit_episodes, edit_values
 from selfheal.recording import Episode, Recording, reorder_commands
 
 SCORED = ("joint_position", "body_position", "body_orientation", "sensor")
@@ -16,7 +15,7 @@ Values = dict[str, np.ndarray]
 
 
 def simulate_open_loop(
-    model: Any, recording: Recording, delay: float = 0.0
+    model: mujoco.MjModel, recording: Recording, delay: float = 0.0
 ) -> dict[str, Values]:
     """Joint positions, body poses and sensors of a model, by episode and signal.
 
@@ -53,7 +52,7 @@ def average_commands(
     return np.diff(np.array(columns).T.reshape(count + 1, -1), axis=0) / step
 
 
-def _simulate_episode(model: Any, episode: Episode, delay: float) -> Values:
+def _simulate_episode(model: mujoco.MjModel, episode: Episode, delay: float) -> Values:
     data, step = mujoco.MjData(model), float(model.opt.timestep)
     data.qpos[:], data.qvel[:] = episode.qpos0, episode.qvel0
     full = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -79,7 +78,7 @@ def _simulate_episode(model: Any, episode: Episode, delay: float) -> Values:
     return _extract_signals(model, episode, np.array(rows), np.array(sensed))
 
 
-def _extract_signals(model: Any, episode: Episode, qpos, sensed) -> Values:
+def _extract_signals(model: mujoco.MjModel, episode: Episode, qpos, sensed) -> Values:
     found = {}
     for name, signal in episode.signals.items():
         if signal.kind == "joint_position":
@@ -93,7 +92,7 @@ def _extract_signals(model: Any, episode: Episode, qpos, sensed) -> Values:
     return found
 
 
-def _read_pose(model: Any, body: str, qpos: np.ndarray):
+def _read_pose(model: mujoco.MjModel, body: str, qpos: np.ndarray):
     """Position (T, 3) and quaternion (T, 4) of a body."""
     data, poses = mujoco.MjData(model), []
     for row in qpos:
@@ -106,11 +105,7 @@ def _read_pose(model: Any, body: str, qpos: np.ndarray):
 def list_errors(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
 ) -> Iterator[np.ndarray]:
-    """Errors over spread (rows, columns) [1] of each position-like signal.
-
-    Args:
-        seen: the recording that they are compared with.
-    """
+    """Errors over spread (rows, columns) [1] of each position-like signal."""
     names = {
         name: signal.kind
         for episode in seen.episodes.values()
@@ -130,11 +125,7 @@ def list_errors(
 def compute_score(
     predicted: Mapping[str, Mapping[str, np.ndarray]], seen: Recording
 ) -> float:
-    """Normalized RMSE over the position-like signals (contract section 2).
-
-    Args:
-        seen: the recording that they are compared with.
-    """
+    """Normalized RMSE over the position-like signals (contract section 2)."""
     parts = [np.mean(np.sum(e**2, 1)) for e in list_errors(predicted, seen)]
     return float(np.sqrt(np.mean(parts)))
 
@@ -161,14 +152,8 @@ def extract_values(recording: Recording) -> dict[str, Values]:
 
 def drop_samples(recording: Recording) -> Recording:
     """The recording with every sample missing: the inputs of a test alone."""
-    episodes = {
-        key: replace(
-            e,
-            signals={
-                n: replace(s, values=np.full_like(s.values, np.nan))
-                for n, s in e.signals.items()
-            },
-        )
-        for key, e in recording.episodes.items()
-    }
-    return replace(recording, episodes=episodes)
+
+    def drop(name: str, values: np.ndarray) -> np.ndarray:
+        return np.full_like(values, np.nan)
+
+    return edit_episodes(recording, lambda e: edit_values(e, drop))

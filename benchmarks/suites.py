@@ -6,8 +6,8 @@ import os
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing.queues import Queue
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 from benchmarks.writer import RESULTS, make_parser, publish_page, report_progress
@@ -61,7 +61,9 @@ def _play_all(runs: Mapping[str, Run], jobs: int) -> Iterable[tuple[str, Record]
         free, allowed = manager.Queue(), sorted(os.sched_getaffinity(0))
         for job in range(jobs):
             free.put(allowed[job % len(allowed)])
-        with ProcessPoolExecutor(jobs, context, _pin_to_core, (free,)) as pool:
+        with ProcessPoolExecutor(
+            jobs, context, initializer=_pin_to_core, initargs=(free,)
+        ) as pool:
             played = {pool.submit(_play, play): key for key, play in runs.items()}
             for future in as_completed(played):
                 yield played[future], future.result()
@@ -93,7 +95,6 @@ def run_suites(
 
     Args:
         benchmark: name of the benchmark and of its folder, which has page.md.
-        text: what `--help` says.
         suites: by name: a function from a count to the runs, and the usual count.
         compute: further figures of the page, from all records by suite and key.
     """

@@ -25,11 +25,7 @@ _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
 
 
 def make_parser(text: str) -> argparse.ArgumentParser:
-    """A command-line parser with --root, the option that every benchmark has.
-
-    Args:
-        text: what `--help` says.
-    """
+    """A command-line parser with --root, the option that every benchmark has."""
     line = argparse.ArgumentParser(prog=_name_command(), description=text)
     line.add_argument(
         "--root",
@@ -132,8 +128,6 @@ def publish_page(
     """Write ROOT/benchmarks/results/NAME-DATE.json and ROOT/docs/results/NAME.md.
 
     Args:
-        root: folder of the repository; missing folders are made.
-        template: of the page.
         figures: by their names in the template; what JSON does not know is left out of
             the JSON file as its text.
     """

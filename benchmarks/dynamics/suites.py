@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import selfheal
+from benchmarks.recordings import select_rows
 from benchmarks.suites import KeyedRuns, Record, Suites
 from selfheal.body.body import Bodies, Floats
 from selfheal.body.genome import build_bodies
@@ -161,8 +162,7 @@ def _replay(asked: Episode, room: Path, folder: Path | None) -> Episode:
         "move"
     ]
     rows = np.flatnonzero(np.isfinite(next(iter(asked.signals.values())).values))
-    signals = {k: replace(s, values=s.values[rows]) for k, s in found.signals.items()}
-    return replace(found, time=found.time[rows], ctrl=found.ctrl[rows], signals=signals)
+    return select_rows(found, rows)
 
 
 SUITES: Suites = {

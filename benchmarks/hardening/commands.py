@@ -2,14 +2,18 @@
 
 import json
 import shutil
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import h5py
 
+from benchmarks.hardening.log_files import FILES
 from benchmarks.hardening.originals import (
+    insist,
     take_back,
     write_identified_run,
     write_small_files,
@@ -25,7 +29,6 @@ class WritingCommand:
     """A command that writes files.
 
     Attributes:
-        start: its arguments.
         again: its arguments where files of an earlier run are there: to go on with
             that run, or to replace them.
         resumed: its arguments after a kill; `start` where they are empty or where
@@ -41,51 +44,14 @@ class WritingCommand:
     others: Sequence[str] = ()
 
 
-def _make_run_command(start: str, name: str, file: str) -> WritingCommand:
-    again = f"{name} --resume {OUT}/{file} --json"
-    return WritingCommand(
-        f"{start} --out {OUT} --json",
-        again,
-        again,
-        f"{OUT}/{file}",
-        (f"{OUT}/report.html",),
-    )
-
-
-_DIAGNOSE = f"diagnose model.xml arm.h5 --out {OUT}/found --json"
-_REPLAY = f"replay diagnosis arm.h5 --out {OUT}/predicted.h5"
 COMMANDS = {
-    "identify": _make_run_command(
-        "identify --robot starfish --engine statics --budget 500 --cycles 2",
-        "identify",
-        "run.h5",
-    ),
-    "heal": _make_run_command(
-        "heal run.h5 --damage dead:left_hip_position", "heal", "heal.h5"
-    ),
-    "recover": _make_run_command(
-        "recover --robot quadruped --scenario 1", "recover", "recover.h5"
-    ),
-    "diagnose": WritingCommand(
-        _DIAGNOSE,
-        f"{_DIAGNOSE} --force",
-        f"{_DIAGNOSE} --resume --force",
-        f"{OUT}/found/diagnosis.json",
-        (f"{OUT}/found/patched.xml", f"{OUT}/found/report.html"),
-    ),
-    "replay": WritingCommand(
-        _REPLAY, f"{_REPLAY} --force", f"{_REPLAY} --force", f"{OUT}/predicted.h5"
-    ),
+    name: WritingCommand(**table)
+    for name, table in tomllib.loads((FILES / "commands.toml").read_text()).items()
 }
 
 
 def run_writer(words: str, folder: Path, **more: Any) -> Ended:
-    """Run a command that writes, in its working folder.
-
-    Args:
-        folder: where it works.
-        **more: for `run_selfheal`.
-    """
+    """Run a command that writes, in its working folder."""
     return run_selfheal(words.split(), folder, seconds=_SECONDS, **more)
 
 
@@ -93,23 +59,15 @@ def make_inputs(folder: Path) -> None:
     """Fill a new folder with all that the commands read, and an empty one for OUT."""
     folder.mkdir()
     for write in (write_small_files, write_identified_run):
-        ended = run_forked(lambda write=write: write(folder), folder)  # type: ignore[misc]
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        insist(run_forked(partial(write, folder), folder))
     (folder / "pipe").unlink()
     (folder / OUT).mkdir()
 
 
 def make_earlier(name: str, folder: Path) -> None:
-    """Have OUT hold an earlier run of a command, one that is to go on where it can.
-
-    Args:
-        folder: made by `make_inputs`, where the command has not run yet.
-    """
+    """Have OUT hold an earlier run of a command, one that is to go on where it can."""
     command = COMMANDS[name]
-    ended = run_writer(command.start, folder)
-    if ended.code != 0:
-        raise RuntimeError(ended.said)
+    insist(run_writer(command.start, folder))
     if "--resume" in command.again:
         take_back(folder / command.main)
         for other in command.others:
@@ -118,9 +76,6 @@ def make_earlier(name: str, folder: Path) -> None:
 
 def read_main(name: str, folder: Path) -> Any:
     """All that a command's first file says but times and where it lies.
-
-    Args:
-        folder: where it worked.
 
     Raises:
         Exception: the file is damaged.

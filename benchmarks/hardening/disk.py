@@ -22,6 +22,7 @@ from benchmarks.hardening.commands import (
 )
 from benchmarks.hardening.judge import Fault, list_faults
 from benchmarks.hardening.kills import call_at_writes, note, read_largest
+from benchmarks.hardening.originals import insist
 from benchmarks.hardening.process import Ended, load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -40,6 +41,7 @@ def mount_disk(place: Path, size: int) -> Iterator[None]:
         ["mount", "-t", "tmpfs", "-o", f"size={size}k", "tmpfs", place],
         capture_output=True,
         text=True,
+        check=False,
     )
     if made.returncode:
         raise SystemExit(
@@ -56,7 +58,6 @@ def list_disk_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and size, on disks that are small or filled in turns.
 
     Args:
-        place: a folder, which has to be there until all are done.
         count: of sizes, from 4 kB to what the command needs.
     """
     load_program()
@@ -76,11 +77,7 @@ def list_disk_runs(place: Path, count: int) -> KeyedRuns:
 
 
 def _measure_need(name: str, start: Path, place: Path) -> int:
-    """What a command needs of a disk that holds nothing else [kB].
-
-    Args:
-        place: a new folder in which it works.
-    """
+    """What a command needs of a disk that holds nothing else [kB]."""
     folder = copy_folder(start, place)
     told = folder / "used"
     with mount_disk(folder / OUT, _LARGE):
@@ -89,9 +86,7 @@ def _measure_need(name: str, start: Path, place: Path) -> int:
             note(told, shutil.disk_usage(folder / OUT).used // 1024)
 
         prepare = partial(call_at_writes, tell_used, folder / OUT)
-        ended = run_writer(COMMANDS[name].start, folder, prepare=prepare)
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        insist(run_writer(COMMANDS[name].start, folder, prepare=prepare))
     return read_largest(told)
 
 
@@ -128,7 +123,6 @@ def _list_losses(
     """What a command lost of what was there, or left half-written.
 
     Args:
-        folder: where it worked.
         kept: copy of what was there before; None where there was nothing.
     """
     command = COMMANDS[name]

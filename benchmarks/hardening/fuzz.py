@@ -31,9 +31,6 @@ class Mutant:
     """A damaged file and the command that is to read it.
 
     Attributes:
-        original: what was damaged.
-        mutate: how.
-        content: of the damaged file.
         command: arguments, paths in the folder of originals.
     """
 
@@ -44,12 +41,7 @@ class Mutant:
 
 
 def make_mutant(folder: Path, kind: str, seed: int) -> Mutant:
-    """The mutant of a kind and a seed, of originals that `make_originals` made.
-
-    Args:
-        kind: one of `KINDS`.
-        seed: draws the original, the damage and the command.
-    """
+    """The mutant of a kind and a seed, of originals that `make_originals` made."""
     rng = np.random.default_rng([KINDS.index(kind), seed])
     originals = list_originals(kind)
     original = originals[rng.integers(len(originals))]
@@ -61,11 +53,7 @@ def make_mutant(folder: Path, kind: str, seed: int) -> Mutant:
 
 
 def copy_with_mutant(folder: Path, mutant: Mutant, place: Path) -> None:
-    """Copy a folder of originals, with a mutant in the place of its original.
-
-    Args:
-        place: a new folder to be made.
-    """
+    """Copy a folder of originals, with a mutant in the place of its original."""
     shutil.copytree(folder, place, copy_function=_copy_file)
     path = place / mutant.original.file
     path.unlink()
@@ -86,8 +74,6 @@ def try_mutant(
     """Give a mutant to its command, in a folder of its own.
 
     Args:
-        workshop: folder for all that is made.
-        kind: one of `KINDS`.
         keep: the folder; None makes one and removes it.
 
     Returns:
@@ -123,11 +109,7 @@ def _find_originals(workshop: Path, kind: str) -> Path:
 
 
 def list_runs(workshop: Path, count: int, kinds: Sequence[str] = KINDS) -> KeyedRuns:
-    """So many mutants, kind after kind in turns.
-
-    Args:
-        workshop: a folder, which has to be there until all are done.
-    """
+    """So many mutants, kind after kind in turns."""
     for k in range(count):
         kind, seed = kinds[k % len(kinds)], k // len(kinds)
         yield f"{kind} {seed}", partial(try_mutant, workshop, kind, seed)

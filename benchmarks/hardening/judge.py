@@ -33,11 +33,7 @@ class Fault:
 def list_faults(
     ended: Ended, folder: Path, *, codes: Collection[int] = (0, 2)
 ) -> list[Fault]:
-    """All that is wrong with how a command ended.
-
-    Args:
-        folder: in which it worked, subfolders included.
-    """
+    """All that is wrong with how a command ended."""
     found = (
         []
         if ended.megabytes < MOST_MEGABYTES
@@ -92,7 +88,6 @@ def _find_place(said: str, *, last: bool = False) -> str:
 
     Args:
         said: a traceback, or the stack that a fatal signal shows, innermost first.
-        last: whether the innermost frame is the last one.
     """
     own = []
     for file, line, name in _FRAME.findall(said):

@@ -21,6 +21,7 @@ from benchmarks.hardening.commands import (
     run_writer,
 )
 from benchmarks.hardening.judge import Fault, list_faults
+from benchmarks.hardening.originals import insist
 from benchmarks.hardening.process import load_program
 from benchmarks.suites import KeyedRuns, Record
 
@@ -95,21 +96,14 @@ def list_kill_runs(place: Path, count: int) -> KeyedRuns:
     """A run for each command and moment.
 
     Args:
-        place: a folder, which has to be there until all are done.
         count: of kills, shared out to the commands.
     """
     load_program()
     make_inputs(place / "inputs")
     for name in COMMANDS:
         whole = copy_folder(place / "inputs", place / name)
-        count_up = partial(note, whole / _COUNT)
-        ended = run_writer(
-            COMMANDS[name].start,
-            whole,
-            prepare=partial(call_at_writes, count_up, whole),
-        )
-        if ended.code != 0:
-            raise RuntimeError(ended.said)
+        prepare = partial(call_at_writes, partial(note, whole / _COUNT), whole)
+        insist(run_writer(COMMANDS[name].start, whole, prepare=prepare))
         most, each = read_largest(whole / _COUNT), count // len(COMMANDS)
         moments = np.unique(np.linspace(1, most, max(each, 1)).round().astype(int))
         for moment in map(int, moments):
@@ -121,7 +115,6 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
     """Kill a command at a moment, have it go on, and compare with one that was not.
 
     Args:
-        whole: folder in which the command was not killed.
         moment: number of the write before which it is killed.
     """
     command, faults = COMMANDS[name], list[Fault]()

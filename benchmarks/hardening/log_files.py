@@ -57,30 +57,17 @@ def write_logs(folder: Path) -> None:
     for name, encode in ENCODERS.items():
         (folder / name).write_bytes(encode(columns))
     both = [{n: c[columns["run"] == k] for n, c in columns.items()} for k in (0, 1)]
-    (folder / "runs.json").write_text(
-        json.dumps(
-            {
-                "robot": "arm",
-                "dt": 0.01,
-                "runs": [
-                    {"label": f"run {k}", **_make_lists(run)}
-                    for k, run in enumerate(both)
-                ],
-            }
-        )
-    )
+    labelled = [{"label": f"run {k}", **_make_lists(r)} for k, r in enumerate(both)]
+    document = {"robot": "arm", "dt": 0.01, "runs": labelled}
+    (folder / "runs.json").write_text(json.dumps(document))
     numbers = pd.DataFrame(columns).select_dtypes("number")
     np.save(folder / "log.npy", numbers.to_records(index=False))
-    save_archive(
-        folder / "log.pt", {n: Tensor(c.to_numpy()) for n, c in numbers.items()}
-    )
+    tensors = {n: Tensor(c.to_numpy()) for n, c in numbers.items()}
+    save_archive(folder / "log.pt", tensors)
     runs = [
         Run(
             run["t"] / 1e3,
-            *(
-                np.column_stack([run[name] for name in names]) / 60
-                for names in _VECTORS
-            ),
+            *(np.column_stack([run[n] for n in v]) / 60 for v in _VECTORS),
         )
         for run in both
     ]
@@ -112,15 +99,14 @@ def _encode_parquet(columns: Columns) -> bytes:
 
 def _encode_by(save: Callable[[IO[bytes], Any], None], columns: Columns) -> bytes:
     """What a function saves of columns whose texts are NumPy's."""
-    buffer = io.BytesIO()
-    save(
-        buffer,
-        {
-            n[:31]: c.astype("U") if c.dtype.kind == "O" else c
-            for n, c in columns.items()
-        },
-    )
+    buffer, texts = io.BytesIO(), {n: c for n, c in columns.items() if _is_text(c)}
+    plain = columns | {n: c.astype("U") for n, c in texts.items()}
+    save(buffer, {n[:31]: c for n, c in plain.items()})
     return buffer.getvalue()
+
+
+def _is_text(column: NDArray[Any]) -> bool:
+    return column.dtype.kind == "O"
 
 
 # files whose columns can be changed before they are written
@@ -149,10 +135,8 @@ def _write_hdf5(path: Path, runs: Sequence[Columns]) -> None:
     with h5py.File(path, "w") as file:
         for k, run in enumerate(runs):
             for name, values in run.items():
-                is_text = values.dtype.kind == "O"
-                file[f"data/demo_{k}/{name}"] = (
-                    values.astype("S") if is_text else values
-                )
+                plain = values.astype("S") if _is_text(values) else values
+                file[f"data/demo_{k}/{name}"] = plain
 
 
 def _write_bags(folder: Path, runs: Sequence[Run]) -> None:
@@ -160,19 +144,9 @@ def _write_bags(folder: Path, runs: Sequence[Run]) -> None:
     from rosbags.convert import convert
 
     write_ros2_bag(folder / "bag", runs, JOINTS)
-    every: Any = ((), (), (), ())  # topics and types to include and to exclude
+    rest: Any = (None, "file", None, None, (), (), (), ())  # packing, types, topics
     for target, storage, version in (("log.bag", "", 1), ("mcap", "mcap", 9)):
-        convert(
-            [folder / "bag"],
-            folder / target,
-            storage,
-            version,
-            None,
-            "file",
-            None,
-            None,
-            *every,
-        )
+        convert([folder / "bag"], folder / target, storage, version, *rest)
     (made,) = (folder / "bag").glob("*.db3")
     made.rename(folder / "log.db3")
     (made,) = (folder / "mcap").glob("*.mcap")
@@ -190,12 +164,8 @@ def decode_mcap(content: bytes) -> dict[str, Any]:
     channels, messages = dict[str, Any](), list[Any]()
     for schema, channel, message in make_reader(io.BytesIO(content)).iter_messages():
         assert schema is not None
-        channels[channel.topic] = [
-            schema.name,
-            schema.encoding,
-            schema.data,
-            channel.message_encoding,
-        ]
+        kind = [schema.name, schema.encoding, schema.data]
+        channels[channel.topic] = [*kind, channel.message_encoding]
         messages.append([channel.topic, message.log_time, message.data])
     return {"channels": channels, "messages": messages}
 
@@ -209,13 +179,9 @@ def encode_mcap(tree: Any, *, packed: bool = False) -> bytes:
     """
     from mcap.writer import CompressionType, Writer
 
-    buffer, kind = io.BytesIO(), CompressionType
-    writer = Writer(
-        buffer,
-        chunk_size=2_000,
-        enable_crcs=False,
-        compression=kind.ZSTD if packed else kind.NONE,
-    )
+    buffer, size = io.BytesIO(), 2_000
+    packing = CompressionType.ZSTD if packed else CompressionType.NONE
+    writer = Writer(buffer, size, compression=packing, enable_crcs=False)
     writer.start("ros2")
     ids = dict[str, int]()
     channels = tree.get("channels")

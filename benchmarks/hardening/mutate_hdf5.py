@@ -8,13 +8,13 @@ from typing import Any
 import h5py
 import numpy as np
 
-from benchmarks.hardening.mutate_trees import Rng, choose, mutate_json
+from benchmarks.hardening.mutate_trees import ODD, Rng, choose, mutate_json
 
 _HUGE = 2**40  # values that a dataset declares and does not hold
 _MOST_VALUES = 10**6  # of a dataset that is changed
 _POISON = (np.nan, np.inf, -np.inf, 1e307, -1e307, -1.0, 0.0, 1e12, 2.0**63)
 _DTYPES = (
-    *"i1 u8 i8 f2 f4 >f8 c16 ? S8 V5".split(),
+    *ODD["dtypes"],
     *([("x", "f8"), ("y", "i4")], h5py.string_dtype(), h5py.ref_dtype),
     *(h5py.vlen_dtype("f8"), h5py.enum_dtype({"a": 1, "b": 2})),
 )

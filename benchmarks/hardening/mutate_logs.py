@@ -17,6 +17,7 @@ from benchmarks.hardening.log_files import (
 )
 from benchmarks.hardening.mutate_bytes import mutate_bytes
 from benchmarks.hardening.mutate_trees import (
+    ODD,
     Mutate,
     Rng,
     choose,
@@ -27,10 +28,7 @@ from benchmarks.hardening.mutate_trees import (
 _NUMBERS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 0.0, -1.0, 1e300, 5e-324, 2.0**63)
 _NAMES = ("", "t", "q_elbow", "é", "a/b", "a:b", "[0]", "a\nb", "\0", 5_000 * "n")
 _TEXTS = ("", "x", "\0", "é", "2026-01-01T00:00:00", "1,5", 1000 * "long ")
-_CODINGS = (
-    *("", "a", "std_msgs/msg/No", 9_000 * "x"),
-    *"protobuf jsonschema ros2idl json ros1".split(),
-)
+_CODINGS = (*ODD["codings"], 9_000 * "x")
 _TIMES = (0, 1, 2**63, 2**64 - 1)  # [ns]
 
 
@@ -68,11 +66,7 @@ mutate_mcap = make_mutation("mutate_mcap", decode_mcap, encode_mcap, _draw_odd_m
 
 
 def make_column_mutation(name: str) -> Mutate:
-    """What changes the columns of a log before they are written as its format does.
-
-    Args:
-        name: of the log, a key of `ENCODERS`.
-    """
+    """What changes the columns of a log before they are written as its format does."""
 
     def mutate_columns(content: bytes, seed: int) -> bytes:
         rng = np.random.default_rng(seed)

@@ -16,6 +16,8 @@ import numpy as np
 
 Mutate = Callable[[bytes, int], bytes]
 Rng = np.random.Generator
+_FILES = Path(__file__).parent / "files"
+ODD = json.loads((_FILES / "odd.json").read_text())  # what is short of odd values
 # chances to replace all of a part, and to change what a member of it holds; chosen
 _WHOLE, _DESCENT = 0.05, 0.75
 
@@ -29,10 +31,8 @@ def make_mutation(
     """What changes a value of a file's tree, or a few, and writes it anew.
 
     Args:
-        name: of the function that is made.
         encode: the content of a tree, whatever it holds where; what took the place of
             all of it is JSON.
-        draw_odd: something in the place of a value.
     """
 
     def mutate(content: bytes, seed: int) -> bytes:
@@ -158,10 +158,8 @@ mutate_toml = make_mutation(
 # ---- tables as text
 
 _CELLS = (
-    *b"|nan|NaN|inf|-inf|1e400|-1e307|0x10|1,5|text|\xff\xfe|\xc3\xa9|\0".split(b"|"),
-    *b'"|"a\nb"|[1, 2]|2026-01-01T00:00:00Z|true'.split(b"|"),
+    *(cell.encode("latin-1") for cell in ODD["cells"]),
     *(10_000 * b"9", 300_000 * b"x"),
-    *b'--|\r|= {|[[|"""|\\u0000|9e999999999|18446744073709551616'.split(b"|"),
 )
 _CODES = ("utf-16", "utf-32", "latin-1", "utf-8-sig", "cp500")
 _SHARE = 0.1  # of texts that get another encoding; chosen
@@ -192,14 +190,7 @@ _mutate_cells = make_mutation(
 
 # ---- XML: an element is a list of its name, its attributes and its elements
 
-_ODD_FILE = Path(__file__).parent / "files" / "odd.xml"
-_NUMBERS = (
-    "nan|inf|-inf|0|-1|-0.5|1e308|1e400|1e-308|1e12|1e-12|abc||0x10|1,5|99999999999"
-).split("|")
-_TEXTS = (
-    *("", "no_such", "é", 70_000 * "n"),
-    *"world|true|a b|/|..|%s|frame|include|joint|body".split("|"),
-)
+_TEXTS = (*ODD["texts"], 70_000 * "n")
 # an element of such a name stands for so many, one in the other, until the text is
 # written: Python's trees are not made for that depth
 _NESTS = {
@@ -214,13 +205,8 @@ _ENTITIES = "".join(
 # what may stand before the root
 _PREFIXES = (
     f"<!DOCTYPE mujoco [{_ENTITIES}]>\n",
-    '<!DOCTYPE mujoco SYSTEM "/etc/passwd">\n',
-    '<?xml version="1.0" encoding="utf-16"?>\n',
-    "\ufeff",
-    "text\n",
-    "<!-- -- -->\n",
+    *ODD["prefixes"],
     1_000_000 * "\n",
-    "\x00",
 )
 _ODD_ELEMENT, _PREFIX = 0.25, 0.05  # shares of models that get such; chosen
 
@@ -242,7 +228,7 @@ def mutate_xml(content: bytes, seed: int) -> bytes:
 
 def _insert_odd(content: bytes, rng: Rng) -> bytes:
     """A model with one of the elements of odd.xml in the place that it is odd in."""
-    root, odd = ET.fromstring(content), ET.parse(_ODD_FILE).getroot()
+    root, odd = ET.fromstring(content), ET.parse(_FILES / "odd.xml").getroot()
     place, element = choose([(p.tag, e) for p in odd for e in p], rng)
     found = root if place == root.tag else root.find(place)
     (ET.SubElement(root, place) if found is None else found).append(element)
@@ -275,7 +261,7 @@ def _draw_odd_xml(value: Any, rng: Rng) -> Any:
     if words and all(re.fullmatch(r"[-+.\deE]+", word) for word in words):
         if rng.random() < 0.1:
             return " ".join((2 * words)[: rng.integers(2 * len(words))])
-        words[rng.integers(len(words))] = choose(_NUMBERS, rng)
+        words[rng.integers(len(words))] = choose(ODD["numbers"], rng)
         return " ".join(words)
     return choose(_TEXTS, rng)
 

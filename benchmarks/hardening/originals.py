@@ -31,6 +31,7 @@ from benchmarks.hardening.mutate_trees import (
     mutate_xml,
 )
 from benchmarks.hardening.process import Ended, run_forked, run_selfheal
+from benchmarks.recordings import edit_episodes, select_signals
 from benchmarks.writer import INTACT
 
 KINDS = ("recording", "model", "run", "study", "diagnosis", "logs")
@@ -55,8 +56,6 @@ class Original:
     """A whole file, and what reads it.
 
     Attributes:
-        file: its path in the folder of originals.
-        mutate: ways to damage it.
         commands: arguments of commands that read it, paths in that folder.
         pause: after so long a command that shows progress is stopped [s].
     """
@@ -107,18 +106,19 @@ def make_originals(folder: Path, kind: str) -> None:
 
 def _call_forked(make: Callable[[], None], folder: Path) -> None:
     """Call a function in a process of its own, and insist that it ends well."""
-    _insist(run_forked(make, folder, seconds=_MADE))
+    insist(run_forked(make, folder, seconds=_MADE))
 
 
-def _insist(ended: Ended) -> None:
+def insist(ended: Ended) -> None:
+    """Raise RuntimeError where a command did not end well."""
     if ended.code != 0:
-        raise RuntimeError(f"originals cannot be made: {ended.signal} {ended.said}")
+        raise RuntimeError(f"files cannot be made: {ended.signal} {ended.said}")
 
 
 def write_small_files(folder: Path) -> None:
     """Models, recordings and a diagnosis of an arm and of the starfish."""
     from selfheal.body.mjcf import format_mjcf
-    from selfheal.recording import write
+    from selfheal.recording import Episode, write
     from tests.support.mjcf_models import CUBE
     from tests.support.recorded_robots import ROBOTS, record
     from tests.support.short_heal import BODY, record_walks
@@ -131,16 +131,12 @@ def write_small_files(folder: Path) -> None:
     os.mkfifo(folder / "pipe")
     arm = record(ROBOTS["arm"], episodes=3, seconds=1.0)
     write(arm, folder / "arm.h5")
-    free = {
-        name: replace(
-            e,
-            ctrl=np.zeros((e.time.size, 0)),
-            ctrl_names=(),
-            signals={k: e.signals[k] for k in ("shoulder", "elbow")},
-        )
-        for name, e in arm.episodes.items()
-    }
-    write(replace(arm, episodes=free), folder / "free.h5")
+
+    def free(e: Episode) -> Episode:
+        kept = select_signals(e, ("shoulder", "elbow"))
+        return replace(kept, ctrl=np.zeros((e.time.size, 0)), ctrl_names=())
+
+    write(edit_episodes(arm, free), folder / "free.h5")
     write(record_walks()[1], folder / "walk.h5")
     (folder / "body.xml").write_text(format_mjcf(BODY))
     # readings of a real robot where they are at hand
@@ -180,7 +176,7 @@ def _make_runs(folder: Path) -> None:
     )
     _call_forked(partial(write_identified_run, folder), folder)
     for words in commands:
-        _insist(run_selfheal(words.split(), folder, prepare=_stop_clock, seconds=_MADE))
+        insist(run_selfheal(words.split(), folder, prepare=_stop_clock, seconds=_MADE))
     for name in ("ended", "begun", "heal", "begun-heal", "recover", "begun-recover"):
         command = name.removeprefix("begun-")
         made = "id/run" if command in ("ended", "begun") else f"{command}/{command}"

@@ -36,7 +36,6 @@ class Ended:
         code: its exit code; None where a signal ended it.
         signal: name of that signal, "" if none.
         hung: whether it was stopped because it took too long.
-        seconds: it took [s].
         megabytes: peak of its memory [MB]; 0 where a signal ended it.
         printed: standard output.
         said: standard error.
@@ -74,8 +73,6 @@ def run_selfheal(
     """Run one command of `selfheal` in a process of its own.
 
     Args:
-        folder: where it works.
-        prepare: is called in the process before the command.
         seconds: after which it is stopped [s].
     """
 
@@ -137,7 +134,7 @@ def _play(
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_DATA, _MOST_DATA))
     os.dup2(printed.fileno(), 1)
     os.dup2(said.fileno(), 2)
-    sys.stdout, sys.stderr = (open(f, "w", closefd=False) for f in (1, 2))
+    sys.stdout, sys.stderr = (os.fdopen(f, "w", closefd=False) for f in (1, 2))
     faulthandler.enable(sys.stderr)
     try:
         play()

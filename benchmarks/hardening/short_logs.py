@@ -17,6 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from benchmarks.recordings import edit_values, select_rows
 from benchmarks.writer import publish_page
 from selfheal.recording import Episode, Recording
 from tests.support.recorded_robots import ROBOTS, record
@@ -30,37 +31,28 @@ MINUTES = 0.05  # of a diagnosis, 3 s; chosen: some get to their end
 Case = tuple[str, Recording]
 
 
-def cut(episode: Episode, rows: int) -> Episode:
-    """The first rows of an episode."""
-    signals = {
-        n: replace(s, values=s.values[:rows]) for n, s in episode.signals.items()
-    }
-    return replace(
-        episode, time=episode.time[:rows], ctrl=episode.ctrl[:rows], signals=signals
-    )
-
-
 def lose(episode: Episode, rng: np.random.Generator) -> Episode:
     """The episode without some of its readings."""
-    signals = {}
-    for name, s in episode.signals.items():
-        values = s.values.copy()
-        values[rng.random(len(values)) < MISSING] = np.nan
-        signals[name] = replace(s, values=values)
-    return replace(episode, signals=signals)
+
+    def drop(name: str, values: np.ndarray) -> np.ndarray:
+        kept = values.copy()
+        kept[rng.random(len(kept)) < MISSING] = np.nan
+        return kept
+
+    return edit_values(episode, drop)
 
 
 def list_shapes(recording: Recording, rows: int) -> Iterator[Case]:
     """Logs of a robot with so many rows in an episode, by what they are like."""
     rng = np.random.default_rng(rows)
     episodes = list(recording.episodes.values())
-    short = [cut(e, rows) for e in episodes]
+    short = [select_rows(e, slice(rows)) for e in episodes]
     step = episodes[0].time[1]
     late = short[0].time + rng.uniform(0, 0.6 * step, rows)
     shapes = {
         "one": short[:1],
         "three": short,
-        "one long, two short": [cut(episodes[0], LONG), *short[1:]],
+        "one long, two short": [select_rows(episodes[0], slice(LONG)), *short[1:]],
         "readings missing": [lose(e, rng) for e in short],
         "irregular": [replace(short[0], time=late)],
     }
@@ -130,10 +122,6 @@ def run(diagnoses: int) -> dict[str, Any]:
 
 
 def publish_short_logs(root: Path, count: int) -> None:
-    """Check all short logs, and write docs/results/short-logs.md.
-
-    Args:
-        count: of those that are diagnosed as well.
-    """
+    """Check all short logs, and write docs/results/short-logs.md."""
     page = Path(__file__).with_name("short_logs.md")
     publish_page(root, "short-logs", page, run(count))

@@ -172,9 +172,9 @@ def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     damage = draw_damage(hidden.anatomy, rng, (kinds[k % len(kinds)],))
     onset = float(rng.uniform(8, 20))
     settings = HealSettings("", (damage,), onset, seed=FIRST + robot)
-    run, robots = HealRun(settings, dict(phases)), make_robot_states(hidden, settings)
-    for latest in heal_robot(robots, models, weights, settings, run=run):
-        run = latest
+    begun, robots = HealRun(settings, dict(phases)), make_robot_states(hidden, settings)
+    run = begun
+    for run in heal_robot(robots, models, weights, settings, run=begun):
         if not whole and "verdict" in run.phases:
             break
     return _summarize_heal(run, damage, onset, hidden.truth, models, robots)

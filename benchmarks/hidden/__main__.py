@@ -29,7 +29,8 @@ from benchmarks.hidden.case import Case, save_case
 from benchmarks.hidden.judge import drives as judge_drives
 from benchmarks.hidden.judge import page
 from benchmarks.hidden.judge import sealed as judge_sealed
-from benchmarks.hidden.judge.sealed import Judged, read_json
+from benchmarks.hidden.judge.names import Judged
+from benchmarks.hidden.judge.sealed import read_json
 from benchmarks.hidden.truth import UnfitDraw
 from benchmarks.writer import make_parser, publish_page
 from selfheal.errors import InputError
@@ -43,10 +44,8 @@ class Suite:
     """A suite of cases.
 
     Attributes:
-        title: of its page.
         kinds: of its cases, the usual one first; empty: it is not drawn.
         list_tasks: the cases that the command line asks for.
-        read_case: judges one case of a folder.
         page: its template in judge/.
         tabulate: gives what the page shows of judged cases.
     """

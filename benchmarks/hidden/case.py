@@ -26,8 +26,6 @@ class Experiment:
     """A robot, the errors of what its model states, and its sensors.
 
     Attributes:
-        robot: whose hidden self is made.
-        instruments: that record it.
         errors: of what the model states.
         integrator: of the hidden robot; "": the given model's.
         link_side: whether joint positions are the links' where there is play.
@@ -80,11 +78,7 @@ class Case:
     """One case.
 
     Attributes:
-        name: of its folders.
-        robot: the model as given.
-        train: what is diagnosed.
         test: what a diagnosis is scored on.
-        key: the truth.
         pieces: more that is concealed, by the name of its file.
     """
 
@@ -130,7 +124,6 @@ def build_case(
     """Simulate and record a case.
 
     Args:
-        placed: the effects of the hidden robot.
         given: the robot as its model has it, if not as the experiment has it; the
             scorer then measures references itself.
         key: what the key says besides: at least kind and seed.

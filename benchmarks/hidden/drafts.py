@@ -6,13 +6,14 @@ that are apart, cameras, slow logs, and more of a servo.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from benchmarks.hidden.effects import DRAWN, PLACED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
 from benchmarks.hidden.robots.chains import draw_chain, draw_linkage
-from benchmarks.hidden.robots.robot import Rng, Robot
+from benchmarks.hidden.robots.robot import Rng, Robot, draw_log_uniform
 from benchmarks.hidden.truth import HiddenRobot
 
 RATES = (30.0, 50.0, 100.0, 200.0, 250.0, 500.0)  # [Hz] of logs
@@ -60,7 +61,6 @@ class Draft:
         robot: without anything stated of its drives.
         hidden: what the robot has.
         stated: what its model has.
-        log: how it is recorded.
         feedback: whether its commands are torques that follow goals.
         masses: relative errors of the links' masses, by body.
     """
@@ -177,9 +177,7 @@ def _find_slowest_lag(robot: Robot, joint: str) -> float:
 
 
 def _draw_shares(rng: Rng) -> dict[str, float]:
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    between = partial(draw_log_uniform, rng)
     return {
         "coulomb": between(0.04, 0.2),
         "viscous": between(0.3, 2.0),

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -19,10 +18,12 @@ from benchmarks.hidden.sensors import (
     Sensor,
     measure_joints,
     measure_pose,
+    measure_torque,
 )
 from benchmarks.hidden.simulator import Command, MotionPlan, Rollout
 from benchmarks.hidden.truth import UnfitDraw
-from selfheal.recording import Recording
+from benchmarks.recordings import edit_episodes, select_signals
+from selfheal.recording import Episode, Recording
 
 FARTHEST = 4.0  # swings; a robot that goes farther was unstable; chosen
 LEAST = 0.2  # swings from end to end; a joint that moves less is stuck; chosen
@@ -43,19 +44,14 @@ def _list_sensors(robot: Robot, log: Log) -> dict[str, Sensor]:
         swing = robot.amplitude[joint]
         speed = log.speed * swing * 2 * np.pi * robot.rate
         sensors = measure_joints(robot, [joint], log.noise * swing, speed)
-        name, slide = f"{joint}_position", robot.is_slide(joint)
         if log.steps:
-            step = (0.1 if slide else 2 * np.pi) / log.steps
+            step = (0.1 if robot.is_slide(joint) else 2 * np.pi) / log.steps
+            name = f"{joint}_position"
             sensors[name] = replace(sensors[name], step=step)
         if log.torque or log.repeats:
-            noise, unit = 0.0 if log.repeats else log.torque * torque, "N m"
-            sensors[f"{joint}_torque"] = Sensor(
-                "joint_torque",
-                robot.find_actuator(joint),
-                "N" if slide else unit,
-                noise,
-                repeats=log.repeats,
-            )
+            noise = 0.0 if log.repeats else log.torque * torque
+            measured = measure_torque(robot, joint, noise, repeats=log.repeats)
+            sensors[f"{joint}_torque"] = measured
         found |= sensors
     return found
 
@@ -68,8 +64,8 @@ def _set_feedback(draft: Draft) -> Robot:
     shift = values.get(("clock_shift", "world"), {"shift": 0.0})["shift"]
     late = 1.5 / log.rate + shift + max(lags, default=0.0)
     fast, gains = min(2 * np.pi * 3.0 * robot.rate, 0.25 / late), {}
-    for joint, inertia in robot.inertia.items():
-        inertia += values["armature", f"joint:{joint}"]["armature"]
+    for joint, moved in robot.inertia.items():
+        inertia = moved + values["armature", f"joint:{joint}"]["armature"]
         gains[joint] = inertia * fast**2, 1.2 * inertia * fast
     return replace(robot, gains=gains)
 
@@ -80,7 +76,7 @@ def _carry_weight(robot: Robot, follow: Command) -> Command:
     most = 8 * np.array(list(robot.load.values()))
     at = [model.joint(joint).dofadr[0] for joint in robot.load]
 
-    def command(i: int, there: Any) -> np.ndarray:
+    def command(i: int, there: mujoco.MjData) -> np.ndarray:
         data.qpos[:] = there.qpos
         mujoco.mj_forward(model, data)
         return np.clip(follow(i, there) + data.qfrc_bias[at], -most, most)
@@ -121,7 +117,9 @@ def _draw_start(robot: Robot, rng: Rng) -> np.ndarray:
     return rng.uniform(0.4, 1.0, n) * rng.choice([-1, 1], n)
 
 
-def _close_loops(model: Any, joints: Sequence[str], qpos: np.ndarray) -> np.ndarray:
+def _close_loops(
+    model: mujoco.MjModel, joints: Sequence[str], qpos: np.ndarray
+) -> np.ndarray:
     """All coordinates at those (n) of some joints, as the equality constraints ask."""
     data = mujoco.MjData(model)
     read = [model.joint(name).qposadr[0] for name in joints]
@@ -151,15 +149,12 @@ def _check_rollout(draft: Draft, run: Rollout) -> None:
 
 def _cut(record: Record, seconds: float) -> Recording:
     """Pieces without the places of bodies: of links near the base they hardly move."""
-    pieces = record.cut(seconds, CALM).seen
-    episodes = {
-        name: replace(
-            e,
-            signals={n: s for n, s in e.signals.items() if s.kind != "body_position"},
-        )
-        for name, e in pieces.episodes.items()
-    }
-    return replace(pieces, episodes=episodes)
+
+    def drop(e: Episode) -> Episode:
+        kept = [n for n, s in e.signals.items() if s.kind != "body_position"]
+        return select_signals(e, kept)
+
+    return edit_episodes(record.cut(seconds, CALM).seen, drop)
 
 
 def find_kind(kind: str, seed: int) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.robots.robot import Rng, Robot
@@ -82,7 +83,6 @@ def draw_sample_steps(
 
     Args:
         rate: [Hz].
-        seconds: [s] of the episode.
         jitter: share of a period by which samples are moved.
     """
     count = int(seconds * rate)
@@ -100,13 +100,12 @@ def follow_goals(robot: Robot, goals: np.ndarray) -> Command:
     """What makes a robot follow goals: the goals, or the torques of a feedback.
 
     Args:
-        robot: that follows; its gains are the feedback's.
         goals: (T, nu) [rad or m] of the joints that its actuators move.
     """
     if robot.drive == "servo":
         return command_table(goals)
 
-    def command(i: int, data: Any) -> np.ndarray:
+    def command(i: int, data: mujoco.MjData) -> np.ndarray:
         sent = []
         for joint, goal in zip(robot.actuators.values(), goals[i], strict=True):
             stiff, damp = robot.gains[joint]
@@ -125,7 +124,6 @@ def plan_goals(
     Args:
         rows: (T) fine step of each sample.
         goals: (T, nu) [rad or m] of the joints that its actuators move.
-        more: fields of the plan that are not as usual.
     """
     qpos = robot.model.qpos0.copy()
     for joint, goal in zip(robot.actuators.values(), goals[0], strict=True):

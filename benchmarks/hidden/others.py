@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.case import Case, Experiment, Session, build_case
@@ -24,13 +25,10 @@ class OtherCase:
     """One case.
 
     Attributes:
-        robot: as given, of `WRITTEN`.
         stated: seed of the errors in what the model states.
-        seed: of the recording.
         effects: what is missing from the model: effect, target and values.
         off: errors of what the model states that are chosen, by "kind:name".
         jitter: share that the time between samples varies by.
-        missing: share of the samples.
         state: True where episodes state where they start.
         motor: True where joint positions are the motors'.
     """
@@ -90,7 +88,7 @@ def _plan_episodes(
                 due += 1 / written.rate * (1 + case.jitter * rng.uniform(-1, 1))
         at = np.array(rows)
 
-        def command(i: int, data: Any, control=control, at=at) -> np.ndarray:
+        def command(i: int, data: mujoco.MjData, control=control, at=at) -> np.ndarray:
             return control(at[i] * robot.fine, data)
 
         yield MotionPlan("", at, command, qpos, qvel)
@@ -100,7 +98,6 @@ def make_case(name: str, written: WrittenRobot | None = None) -> Case:
     """A case; always the same for the same name.
 
     Args:
-        name: of `OTHER_CASES`.
         written: in place of its robot, with other episodes.
     """
     case = OTHER_CASES[name]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,19 @@ from benchmarks.hidden import motions as move
 from benchmarks.hidden.case import Case, Experiment, Session, build_case
 from benchmarks.hidden.effects import DRAWN, UNLISTED
 from benchmarks.hidden.effects.base import Effect, PlacedEffect
-from benchmarks.hidden.robots.robot import FAST, NumberDraw, Rng, Robot
+from benchmarks.hidden.robots.robot import (
+    FAST,
+    NumberDraw,
+    Rng,
+    Robot,
+    draw_log_uniform,
+)
 from benchmarks.hidden.robots.shapes import ROBOTS, make_blank_robot
 from benchmarks.hidden.sensors import (
     Instruments,
-    Sensor,
     measure_joints,
     measure_pose,
+    measure_torque,
 )
 from benchmarks.hidden.simulator import MotionPlan, simulate_plans
 from benchmarks.hidden.strength import measure_integration_error, measure_strength
@@ -73,10 +80,7 @@ def _draw_noise(rng: Rng) -> dict[str, float]:
     load, place [m], turn [rad], memory: correlation from sample to sample, lattice:
     encoder step below the noise, dropout: share of samples missing.
     """
-
-    def between(low: float, high: float) -> float:
-        return float(np.exp(rng.uniform(np.log(low), np.log(high))))
-
+    between = partial(draw_log_uniform, rng)
     position = between(3e-4, 1.5e-3)
     colored, coarse, gaps = rng.random(3)
     return {
@@ -98,24 +102,14 @@ def _draw_instruments(
     noise = _draw_noise(rng)
     velocity, torque, state, epoch = rng.random(4)
     speed = noise["velocity"] if robot.joints and velocity < 0.35 else 0.0
-    sensors: dict[str, Sensor] = {
-        name: replace(sensor, step=noise["lattice"])
-        if sensor.kind == "joint_position"
-        else sensor
-        for name, sensor in measure_joints(
-            robot, robot.joints, noise["position"], speed
-        ).items()
-    }
+    sensors = measure_joints(robot, robot.joints, noise["position"], speed)
+    for joint in robot.joints:
+        name = f"{joint}_position"
+        sensors[name] = replace(sensors[name], step=noise["lattice"])
     if robot.actuators and torque < 0.3:
-        sensors |= {
-            f"{name}_torque": Sensor(
-                "joint_torque",
-                name,
-                "N" if robot.is_slide(joint) else "N m",
-                noise["torque"] * robot.load[joint],
-            )
-            for name, joint in robot.actuators.items()
-        }
+        for name, joint in robot.actuators.items():
+            loudness = noise["torque"] * robot.load[joint]
+            sensors[f"{name}_torque"] = measure_torque(robot, joint, loudness)
     if robot.free:
         sensors |= measure_pose(robot.free, noise["place"], noise["turn"])
     since = round(float(rng.uniform(0, 60)), 3) if epoch < 0.3 else 0.0
@@ -131,8 +125,7 @@ def _draw_sampling(robot: Robot, rng: Rng) -> tuple[float, float, int]:
     rates: tuple[int, ...] = (100, 125) if legged else (100, 200, 250, 500)
     if robot.drive == "none":
         rates = (150, 200, 250, 400, 500)
-    rate = float(rng.choice(rates))
-    jitter = float(rng.choice([0.0, 0.0, 0.2, 0.35]))
+    rate, jitter = float(rng.choice(rates)), float(rng.choice([0.0, 0.0, 0.2, 0.35]))
     # a torque feedback at less than 100 Hz would not be stable
     slow_hold = max(2, int(rate / 100)) if robot.drive == "torque" else int(rate / 40)
     hold = slow_hold if rng.random() < 0.3 and rate > 100 else 1
@@ -166,9 +159,8 @@ def draw_experiment(
         (n.kind, n.name): float(rng.uniform(-1, 1) * SHARE * n.bound)
         for n in list_nuisances(robot)
     }
-    for key in errors:
-        if key[0] == "friction":
-            errors[key] = errors[key] / 2  # of both geoms of a contact
+    if ("friction", "") in errors:
+        errors["friction", ""] /= 2  # of both geoms of a contact
     sampled = _draw_sampling(robot, rng)
     instruments, state, noted = _draw_instruments(robot, rng)
     rk4 = bool(rng.random() < 0.5 and not robot.contact and FAST in robot.xml)
@@ -196,9 +188,6 @@ def _select_probe_plans(draw: Draw) -> list[MotionPlan]:
 def size_effect(draw: Draw, effect: Effect, target: str, rng: Rng) -> PlacedEffect:
     """An effect as large as the case needs.
 
-    Args:
-        target: where.
-
     Raises:
         UnfitDraw: no sane size makes it matter.
     """
@@ -206,14 +195,15 @@ def size_effect(draw: Draw, effect: Effect, target: str, rng: Rng) -> PlacedEffe
     values = effect.draw(robot, target, rng)
     low, high = effect.sizes
     size = float(np.clip(np.exp(rng.uniform(-0.7, 0.7)), low, high))
-    aim = float(np.exp(rng.uniform(np.log(5.0), np.log(22.0))))
+    aim = draw_log_uniform(rng, 5.0, 22.0)
     for _ in range(7):
         placed = PlacedEffect(effect, target, values(size))
         try:
             raw, left = _measure_strength(draw, placed)
         except UnfitDraw:
             raw, left = np.inf, np.inf
-        if LEAST <= left <= MOST or effect.name in LOUD and LEAST <= left < np.inf:
+        most = np.inf if effect.name in LOUD else MOST
+        if LEAST <= left <= most and left < np.inf:
             return replace(placed, strength=(raw, left))
         factor = 0.3 if left == np.inf else (aim / max(left, 0.05)) ** 0.9
         new = float(np.clip(size * np.clip(factor, 0.15, 6.0), low, high))
@@ -256,9 +246,9 @@ def _choose_effects(
 
 
 def _are_compatible(one: Effect, other: Effect) -> bool:
-    if one.name == other.name or other.name == "joint_jam" or one.name == "joint_jam":
-        return False
     names = {one.name, other.name}
+    if len(names) == 1 or "joint_jam" in names:
+        return False
     shared = set(_list_robots(one)) & set(_list_robots(other))
     return bool(shared) and not any(names <= family for family in _FAMILIES)
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from benchmarks.hidden.robots.robot import Rng, Robot
 from benchmarks.hidden.simulator import MotionPlan, Rollout, Simulator
 from benchmarks.hidden.truth import HiddenRobot, SensorModel
+from benchmarks.recordings import select_rows
 from selfheal.recording import Episode, Recording, Signal, find_output
 
 
@@ -18,9 +18,6 @@ class Sensor:
     """What one signal is.
 
     Attributes:
-        kind: of contract section 1.
-        target: what it is a reading of.
-        unit: of it.
         noise: its standard deviation; [rad] of an orientation.
         step: of an encoder, 0: none.
         repeats: whether a torque that is reported is the one commanded.
@@ -59,6 +56,14 @@ def measure_joints(
     return found
 
 
+def measure_torque(
+    robot: Robot, joint: str, noise: float, *, repeats: bool = False
+) -> Sensor:
+    """The torque of what moves a joint, with noise [N m or N]."""
+    unit = "N" if robot.is_slide(joint) else "N m"
+    return Sensor("joint_torque", robot.find_actuator(joint), unit, noise, 0.0, repeats)
+
+
 def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:
     """A camera's two signals of a body, with noise [m] and [rad]."""
     return {
@@ -86,8 +91,6 @@ class Instruments:
     """Turns runs into recordings.
 
     Attributes:
-        robot: of the runs.
-        sensors: by signal.
         memory: correlation of a sample's noise with the one before; 0 is white.
         dropout: share of samples missing.
         epoch: [s] time of the first sample.
@@ -106,7 +109,7 @@ class Instruments:
         sensors = {n: replace(s, noise=0.0, step=0.0) for n, s in self.sensors.items()}
         return replace(self, sensors=sensors, dropout=0.0)
 
-    def read_clean(self, run: Rollout, model: Any) -> dict[str, Signal]:
+    def read_clean(self, run: Rollout, model: mujoco.MjModel) -> dict[str, Signal]:
         """Every signal, measurement effects included, noise not."""
         found = {}
         for name, sensor in self.sensors.items():
@@ -117,7 +120,7 @@ class Instruments:
         return found
 
     def _read_true(
-        self, sensor: Sensor, reading: SensorModel, run: Rollout, hidden: Any
+        self, sensor: Sensor, reading: SensorModel, run: Rollout, hidden: mujoco.MjModel
     ) -> np.ndarray:
         model, target = self.robot.model, sensor.target
         if sensor.kind == "joint_position":
@@ -156,11 +159,7 @@ class Instruments:
     def record_episode(
         self, plan: MotionPlan, run: Rollout, clean, rng: Rng, *, state: bool
     ) -> Episode:
-        """One episode as recorded.
-
-        Args:
-            state: whether it states where it starts.
-        """
+        """One episode as recorded."""
         return Episode(
             np.round(self.epoch + run.rows * self.robot.fine, 9),
             run.ctrl,
@@ -172,7 +171,7 @@ class Instruments:
         )
 
 
-def _read_state(sensor: Sensor, run: Rollout, model: Any) -> np.ndarray:
+def _read_state(sensor: Sensor, run: Rollout, model: mujoco.MjModel) -> np.ndarray:
     """What a body's pose or a sensor of the model is in the hidden robot's states."""
     data, found = mujoco.MjData(model), []
     for state, ctrl in zip(run.whole, run.ctrl, strict=True):
@@ -200,7 +199,6 @@ class Record:
     """A recording, with what is known of it.
 
     Attributes:
-        seen: as recorded.
         clean: the same without noise.
         runs: the rollouts behind its episodes.
     """
@@ -266,9 +264,7 @@ def record_plans(
     """Simulate and record plans, one after the other.
 
     Args:
-        instruments: that record; with the sensor errors of the hidden robot.
         plans: may be drawn, by the same generator, as they are asked for.
-        state: whether episodes state where they start.
         check: raises `UnfitDraw` where a rollout makes no case.
 
     Raises:
@@ -292,14 +288,5 @@ def record_plans(
 
 def _cut_segment(episode: Episode, run: Rollout, at: np.ndarray) -> Episode:
     first = int(np.argmax(at))
-    signals = {
-        name: replace(s, values=s.values[at]) for name, s in episode.signals.items()
-    }
-    return replace(
-        episode,
-        time=episode.time[at],
-        ctrl=episode.ctrl[at],
-        signals=signals,
-        qpos0=run.qpos[first].copy(),
-        qvel0=run.qvel[first].copy(),
-    )
+    state = {"qpos0": run.qpos[first].copy(), "qvel0": run.qvel[first].copy()}
+    return replace(select_rows(episode, at), **state)

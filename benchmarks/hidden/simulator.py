@@ -13,7 +13,7 @@ from benchmarks.hidden.truth import HiddenRobot, UnfitDraw
 
 BLOCK = 0.01  # [s] that a command stands while the robot settles
 WILD = 1e4  # [rad/s or m/s] a velocity beyond it is a simulation that failed
-Command = Callable[[int, Any], np.ndarray]  # of a sample's number and MjData
+Command = Callable[[int, mujoco.MjData], np.ndarray]  # of a sample's number and MjData
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,6 @@ class MotionPlan:
     """The commands of one episode.
 
     Attributes:
-        motion: label.
         rows: (T) fine step of each sample.
         command: what is sent at a sample, which may depend on the state.
         qpos: (nq) start, in the given model's coordinates.
@@ -75,7 +74,9 @@ class _CoordinateMap:
         return qpos[self.qpos] + self.qplay @ qpos, qvel[self.qvel] + self.vplay @ qvel
 
 
-def _map_coordinates(truth: HiddenRobot, given: Any, model: Any) -> _CoordinateMap:
+def _map_coordinates(
+    truth: HiddenRobot, given: Any, model: mujoco.MjModel
+) -> _CoordinateMap:
     qpos, qvel = np.zeros(given.nq, int), np.zeros(given.nv, int)
     qplay, vplay = np.zeros((given.nq, model.nq)), np.zeros((given.nv, model.nv))
     for j in range(given.njnt):

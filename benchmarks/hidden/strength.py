@@ -44,13 +44,7 @@ class Stretch:
 
 
 class Probe:
-    """Stretches spread evenly over rollouts: read, and simulated by other models.
-
-    Attributes:
-        instruments: that read the rollouts.
-        robot: as given.
-        stretches: of the rollouts.
-    """
+    """Stretches spread evenly over rollouts: read, and simulated by other models."""
 
     def __init__(self, instruments: Instruments, runs: Sequence[Rollout]) -> None:
         self.instruments, self.robot = instruments, instruments.robot
@@ -80,7 +74,7 @@ class Probe:
             found.append(qpos[stretch.samples])
         return np.concatenate(found)
 
-    def simulate(self, spec: Any) -> np.ndarray:
+    def simulate(self, spec: mujoco.MjSpec) -> np.ndarray:
         """Positions (samples, nq) by a model, each stretch from where it begins."""
         model, fine = spec.compile(), self.robot.fine
         each = max(round(float(model.opt.timestep) / fine), 1)

@@ -40,7 +40,7 @@ class CommandShaper(Protocol):
 class Force(Protocol):
     """A force, or a changed coefficient, of every step."""
 
-    def __call__(self, data: Any, time: float) -> None:
+    def __call__(self, data: mujoco.MjData, time: float) -> None:
         """Add to data.qfrc_applied, or to the model; time < 0: settling."""
 
 
@@ -59,11 +59,8 @@ class HiddenRobot:
     """A hidden robot in the making.
 
     Attributes:
-        robot: whose model it starts from.
-        spec: its mechanics.
         shapers: by actuator, in order.
         forces: makers of forces, called with the compiled model.
-        readings: by signal name.
         plays: by joint: the joint that sits between motor and link.
         pinned: [rad] joints that do not move, by name.
         sprung: joints that nothing drives, which start where their spring holds.
@@ -72,11 +69,11 @@ class HiddenRobot:
     """
 
     robot: Robot
-    spec: Any
+    spec: mujoco.MjSpec
     shapers: dict[str, list[Callable[[float], CommandShaper]]] = field(
         default_factory=dict
     )
-    forces: list[Callable[[Any], Force]] = field(default_factory=list)
+    forces: list[Callable[[mujoco.MjModel], Force]] = field(default_factory=list)
     readings: dict[str, SensorModel] = field(default_factory=dict)
     plays: dict[str, str] = field(default_factory=dict)
     pinned: dict[str, float] = field(default_factory=dict)
@@ -150,13 +147,12 @@ def list_nuisances(robot: Robot) -> list[Nuisance]:
     return found
 
 
-def scale_value(spec: Any, kind: str, name: str, factor: float) -> None:
+def scale_value(spec: mujoco.MjSpec, kind: str, name: str, factor: float) -> None:
     """Multiply a stated value in the hidden robot's MjSpec.
 
     Args:
         kind: of `Nuisance`, or gear.
         name: of the body, joint or actuator; "" for all contacts.
-        factor: [1].
     """
     if kind == "friction":
         for geom in spec.geoms:
@@ -181,7 +177,6 @@ def scale_gain(actuator: Any, kind: str, factor: float) -> None:
 
     Args:
         kind: "kp", "kv", or "gear" for all that it gives.
-        factor: [1].
     """
     if kind == "gear":
         actuator.gear = actuator.gear * factor

@@ -38,13 +38,8 @@ def pool_calibration(root: Path) -> None:
     now, used = hash_code(), dict[str, list]()
     for name in SUITES:
         known = read_records(f"identify-{name}").items()
-        ours = [
-            r
-            for key, r in known
-            if key.startswith(now) and r["settings"]["method"] == "default"
-        ]
-        if ours:
-            used[name] = ours
+        if found := [r for key, r in known if key.startswith(now)]:
+            used[name] = found
     pooled = [r for records in used.values() for r in records]
     source = ", ".join(f"{name} ({len(found)} runs)" for name, found in used.items())
     figures = {
@@ -52,7 +47,6 @@ def pool_calibration(root: Path) -> None:
         "source": f"Pooled from: {source or 'none'}.",
         "calibration": tabulate_calibration(pooled),
         "rows": [],
-        "tests": [],
     }
     publish_page(root, "identify-calibration", PAGE, {"code": now, **figures})
 

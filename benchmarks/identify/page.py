@@ -1,6 +1,6 @@
 """Figures of pages of identification: records in, what page.md shows out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,47 +9,34 @@ import numpy as np
 from benchmarks.identify.outcome import NEAR, explain_inexact_run, explain_likeness
 from benchmarks.identify.suites import SuiteRow
 from benchmarks.suites import Record
+from benchmarks.writer import format_hits
 from selfheal.selfmodel.explore import DISTINGUISHABLE
-from selfheal.study.statistics import format_share, run_fisher_test
+from selfheal.study.statistics import format_share
 
 Records = Sequence[Record]
-_PAPER_RUNS = 30  # runs of each regime in the paper
 BINS, ENOUGH, POINTS = 10, 50, 0.1  # the issue's: bins, statements, tolerance
 
 
 def compute_figures(
     rows: Sequence[SuiteRow], records: Mapping[str, Records]
 ) -> dict[str, object]:
-    """All that a suite's page shows.
-
-    Args:
-        records: finished runs by the name of their row.
-    """
-    of_ours = [row for row in rows if row.settings.method == "default"]
-    ours = [r for row in of_ours for r in records[row.name]]
+    """All that a suite's page shows."""
     every = [r for found in records.values() for r in found]
     return {
         "rows": [_summarize_row(row, records[row.name]) for row in rows],
         "first_seed": min(r["settings"]["seed"] for r in every),
         "near": 10 * NEAR,
         "distinguishable": DISTINGUISHABLE,
-        "tests": list(_list_tests(rows, records)),
         "source": "All runs of this suite.",
-        "calibration": tabulate_calibration(ours) if ours else [],
-        "inexact": [_describe_inexact_run(r) for r in ours if not r["exact"]],
+        "calibration": tabulate_calibration(every),
+        "inexact": [_describe_inexact_run(r) for r in every if not r["exact"]],
         "records": records,
     }
-
-
-def _count_exact(records: Records) -> tuple[int, int]:
-    """How many runs ended at the true tree, and of how many."""
-    return sum(r["exact"] for r in records), len(records)
 
 
 def _summarize_row(row: SuiteRow, found: Records) -> list[str]:
     """Cells of a row of success."""
     s = replace(row.settings, engine=found[0]["settings"]["engine"])
-    good = sum(r["exact"] or bool(explain_likeness(r)) for r in found)
     outside = ("choice", "failed", "mujoco")  # for choice and the final check
     spent = [
         sum(n for name, n in r["simulations"].items() if name not in outside)
@@ -61,8 +48,8 @@ def _summarize_row(row: SuiteRow, found: Records) -> list[str]:
         s.method,
         str(s.cycles),
         s.engine,
-        format_share(*_count_exact(found)),
-        format_share(good, len(found)),
+        format_hits(r["exact"] for r in found),
+        format_hits(r["exact"] or explain_likeness(r) for r in found),
         row.target,
         f"{np.mean([r['edge_f1'] for r in found]):.2f}",
         f"{np.mean([r['axes'] for r in found]):.1f}",
@@ -71,21 +58,6 @@ def _summarize_row(row: SuiteRow, found: Records) -> list[str]:
         f"{np.mean([r['simulations']['choice'] for r in found]):,.0f}",
         f"{np.median([r['wall_seconds'] for r in found]):.1f}",
     ]
-
-
-def _list_tests(
-    rows: Sequence[SuiteRow], records: Mapping[str, Records]
-) -> Iterator[tuple[str, ...]]:
-    """Fisher's exact tests of the comparisons that a suite is for."""
-    counts = {name: _count_exact(found) for name, found in records.items()}
-    for row in rows:
-        others = {rival: counts[rival] for rival in row.rivals}
-        if row.paper is not None:
-            others = {"the paper": (row.paper, _PAPER_RUNS), **others}
-        own = counts[row.name]
-        for other, its in others.items():
-            p = f"{run_fisher_test(own, its):.2g}"
-            yield row.name, f"{own[0]}/{own[1]}", other, f"{its[0]}/{its[1]}", p
 
 
 def tabulate_calibration(records: Records) -> list[tuple[str, ...]]:

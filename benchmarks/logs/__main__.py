@@ -21,11 +21,7 @@ Row = dict[str, Any]
 
 
 def measure(reader: str, path: Path) -> Row:
-    """Times [s] and peak memory [B] of a process that reads a log.
-
-    Args:
-        reader: a key of `READERS`.
-    """
+    """Times [s] and peak memory [B] of a process that reads a log."""
     command = [sys.executable, "-m", "benchmarks.logs.readers", reader, str(path)]
     found = subprocess.run(command, capture_output=True, text=True, check=True)
     return json.loads(found.stdout)
@@ -35,7 +31,6 @@ def measure_all(folder: Path, size: float) -> list[Row]:
     """A row for each log and reader.
 
     Args:
-        folder: where the logs are written, one at a time.
         size: of each [B].
     """
     rows = list[Row]()

@@ -43,7 +43,7 @@ def write_mcap(path: Path, size: float) -> None:
         writer = Writer(file)
         writer.start("ros2")
         channels = {}
-        for topic, kind in made.kinds.items():
+        for topic, kind in _KINDS.items():
             text, _ = made.store.generate_msgdef(kind, ros_version=2)
             schema = writer.register_schema(kind, "ros2msg", text.encode())
             channels[topic] = writer.register_channel(topic, "cdr", schema)
@@ -56,13 +56,14 @@ def write_mcap(path: Path, size: float) -> None:
         writer.finish()
 
 
+_KINDS = {
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/imu": "sensor_msgs/msg/Imu",
+}
+
+
 class _MessageMaker:
     """Messages of two topics, encoded."""
-
-    kinds = {
-        "/joint_states": "sensor_msgs/msg/JointState",
-        "/imu": "sensor_msgs/msg/Imu",
-    }
 
     def __init__(self) -> None:
         from rosbags.typesys import Stores, get_typestore
@@ -81,15 +82,13 @@ class _MessageMaker:
         vector, zeros = types["geometry_msgs/msg/Vector3"], np.zeros(9)
         rate, force = (vector(*self._random.normal(size=3)) for _ in range(2))
         messages = {
-            "/joint_states": types[self.kinds["/joint_states"]](
-                header, names, q, v, tau
-            ),
-            "/imu": types[self.kinds["/imu"]](
+            "/joint_states": types[_KINDS["/joint_states"]](header, names, q, v, tau),
+            "/imu": types[_KINDS["/imu"]](
                 header, turn, zeros, rate, zeros, force, zeros
             ),
         }
         return {
-            topic: bytes(self.store.serialize_cdr(message, self.kinds[topic]))
+            topic: bytes(self.store.serialize_cdr(message, _KINDS[topic]))
             for topic, message in messages.items()
         }
 

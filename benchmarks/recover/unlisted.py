@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 from unittest import mock
 
+import mujoco
 import numpy as np
 
 from selfheal.body.legged import LeggedRobot
@@ -28,12 +29,7 @@ CHANGES = {
 
 @dataclass(frozen=True)
 class ChangedLegs:
-    """A robot that is whole until it is struck, by what no damage says.
-
-    Attributes:
-        whole: before.
-        changed: after.
-    """
+    """A robot that is whole until it is struck, by what no damage says."""
 
     whole: SimulatedLegs
     changed: SimulatedLegs
@@ -53,12 +49,7 @@ class ChangedLegs:
 
 
 def change_robot(what: str, robot: LeggedRobot, seed: int) -> tuple[ChangedLegs, str]:
-    """A robot that will be changed, and where.
-
-    Args:
-        what: of `CHANGES`.
-        seed: draws where.
-    """
+    """A robot that will be changed, and where."""
     rng = np.random.default_rng([seed, list(CHANGES).index(what), 43])
     whole = SimulatedLegs(robot, seed)
     if what == "withheld":
@@ -96,18 +87,18 @@ def _edit_model(robot: LeggedRobot, change: Callable[[Any], None]) -> Any:
     return model
 
 
-def _move_zero(spec: Any, place: str) -> None:
+def _move_zero(spec: mujoco.MjSpec, place: str) -> None:
     """Let a joint read 0.3 rad where it stands at its default angle."""
     spec.joint(place).ref = np.degrees(0.3)
 
 
-def _lengthen(spec: Any, place: str) -> None:
+def _lengthen(spec: mujoco.MjSpec, place: str) -> None:
     """Lengthen a lower leg, with the sensor about it, by 20 %; it weighs the same."""
     for each in (spec.geom(place), spec.site(place)):
         each.fromto[:] = 1.2 * each.fromto
 
 
-def _make_sticky(spec: Any, place: str) -> None:
+def _make_sticky(spec: mujoco.MjSpec, place: str) -> None:
     """Give a joint dry friction of half its motor's torque."""
     (motor,) = (a for a in spec.actuators if a.target == place)
     spec.joint(place).frictionloss = 0.5 * motor.forcerange[1]

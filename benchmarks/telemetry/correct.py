@@ -31,9 +31,6 @@ class Files:
     """A log as a table, a map and a model in a folder.
 
     Attributes:
-        folder: of the files.
-        recording: that the table holds.
-        log_map: of the table.
         gains: of the drives, as the robot's maker states them.
     """
 

@@ -6,7 +6,7 @@ the MJCF states is 8 % off, as it usually is.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -30,6 +30,10 @@ TIMESTEP = 0.002
 # of readings: a joint's position [rad], its velocity [rad/s], a gyroscope [rad/s] and
 # an accelerometer [m/s^2], as of hobby drives and consumer IMUs
 NOISE = {"position": 3e-4, "velocity": 0.01, "gyro": 5e-3, "acc": 0.04}
+_LINK, _ROBOT = (
+    (Path(__file__).parent / "drawn" / f"{name}.xml").read_text()
+    for name in ("link", "robot")
+)
 BANDWIDTH = 3.0  # [Hz] of a controller of torques, damped by 0.7
 STEPS = (4096, 16384)  # of an encoder, a turn
 
@@ -40,13 +44,23 @@ class DrawnRobot:
 
     Attributes:
         xml: the MJCF as it should be.
-        recording: without any fault.
         gains: stiffness and damping of each joint's servo; empty: torque motors.
     """
 
     xml: str
     recording: Recording
     gains: Mapping[str, tuple[float, float]]
+
+    @property
+    def joints(self) -> list[str]:
+        """Names of the joints."""
+        signals = next(iter(self.recording.episodes.values())).signals.values()
+        return [s.target for s in signals if s.kind == "joint_position"]
+
+    def list_columns(self, joint: str) -> list[str]:
+        """Signals of a joint."""
+        signals = next(iter(self.recording.episodes.values())).signals
+        return [n for n, s in signals.items() if s.target == joint]
 
 
 @dataclass(frozen=True)
@@ -95,23 +109,13 @@ def _attempt(rng: np.random.Generator) -> DrawnRobot | None:
 
 def _draw_numbers(rng: np.random.Generator, count: int) -> list[_Numbers]:
     axes, found = ("1 0 0", "0 1 0", "0 0 1"), list[_Numbers]()
-    last = -1
-    mass = rng.uniform(0.8, 2.0)
+    last, mass = -1, rng.uniform(0.8, 2.0)
     for _ in range(count):
         last = int(rng.choice([k for k in range(3) if k != last]))
         low, high = -rng.uniform(1.2, 2.2), rng.uniform(1.2, 2.2)
-        found.append(
-            _Numbers(
-                axes[last],
-                rng.uniform(0.08, 0.25),
-                mass,
-                rng.uniform(0.05, 0.3),
-                rng.uniform(0.02, 0.15),
-                rng.uniform(0.005, 0.03),
-                low,
-                high,
-            )
-        )
+        length, damping = rng.uniform(0.08, 0.25), rng.uniform(0.05, 0.3)
+        losses = damping, rng.uniform(0.02, 0.15), rng.uniform(0.005, 0.03)
+        found.append(_Numbers(axes[last], length, mass, *losses, low, high))
         mass *= rng.uniform(0.5, 0.9)
     return found
 
@@ -122,16 +126,8 @@ def _draw_off(rng: np.random.Generator) -> float:
 
 def _put_off(n: _Numbers, rng: np.random.Generator) -> _Numbers:
     """The true numbers of a joint; its range and axis are as stated."""
-    return _Numbers(
-        n.axis,
-        n.length,
-        n.mass * _draw_off(rng),
-        n.damping * _draw_off(rng),
-        n.friction * _draw_off(rng),
-        n.armature * _draw_off(rng),
-        n.low,
-        n.high,
-    )
+    names = ("mass", "damping", "friction", "armature")
+    return replace(n, **{name: getattr(n, name) * _draw_off(rng) for name in names})
 
 
 def _estimate_load(behind: list[_Numbers]) -> float:
@@ -152,24 +148,14 @@ def _write(
     """The MJCF.
 
     Args:
-        numbers: of each.
         gains: of the servos, by joint; empty: torque motors.
         loads: that each joint carries [N m].
     """
-    links, place = "", "0 0 0.06"
-    for name, n in zip(names, numbers, strict=True):
-        links += f"""
-    <body name="{name}_link" pos="{place}">
-      <joint name="{name}" axis="{n.axis}" range="{n.low:.4f} {n.high:.4f}"
-        damping="{n.damping:.5g}" frictionloss="{n.friction:.5g}"
-        armature="{n.armature:.5g}"/>
-      <geom name="{name}_shape" type="capsule" mass="{n.mass:.5g}" size="0.02"
-        fromto="0.01 0 0.05 0 0.008 {n.length + 0.05:.4f}" contype="0" conaffinity="0"/>
-"""
-        place = f"0 0 {n.length + 0.05:.4f}"
-    links += f'      <site name="board" pos="0.01 0.02 {numbers[-1].length:.4f}"/>'
-    drives = ""
-    for name, load in zip(names, loads, strict=True):
+    links, drives, place = "", "", "0 0 0.06"
+    for name, n, load in zip(names, numbers, loads, strict=True):
+        end = f"{n.length + 0.05:.4f}"
+        links += _LINK.format(name=name, n=n, place=place, end=end)
+        place = f"0 0 {end}"
         if gains:
             kp, kv = gains[name]
             drives += (
@@ -181,20 +167,9 @@ def _write(
                 f'\n    <motor name="{name}_motor" joint="{name}" '
                 f'ctrlrange="{-6 * load:.4g} {6 * load:.4g}"/>'
             )
-    return f"""<mujoco model="drawn">
-  <compiler angle="radian"/>
-  <option timestep="{TIMESTEP}" integrator="implicitfast"/>
-  <worldbody>
-    <body name="trunk" pos="0 0 0.5">
-    <geom name="trunk_shape" type="box" size="0.05 0.05 0.05" mass="2" contype="0"
-      conaffinity="0"/>{links}{"</body>" * (len(names) + 1)}
-  </worldbody>
-  <actuator>{drives}
-  </actuator>
-  <sensor>
-    <gyro name="gyro" site="board"/><accelerometer name="acc" site="board"/>
-  </sensor>
-</mujoco>"""
+    links += f'      <site name="board" pos="0.01 0.02 {numbers[-1].length:.4f}"/>'
+    closing = "</body>" * (len(names) + 1)
+    return _ROBOT.format(links=links + closing, drives=drives, timestep=TIMESTEP)
 
 
 def _record(
@@ -207,7 +182,6 @@ def _record(
     """Episodes in which each joint follows sines.
 
     Args:
-        stated: numbers of each.
         is_servo: whether goals are commanded, not torques.
     """
     rate = float(rng.choice([50, 100, 250]))
@@ -262,7 +236,7 @@ def _follow_by_torque(robot: Robot, goals: Values) -> Command:
     stiffness = rate**2 * np.diag(inertia)
     low, high = model.actuator_ctrlrange.T
 
-    def command(k: int, there: Any) -> Values:
+    def command(k: int, there: mujoco.MjData) -> Values:
         data.qpos[:], data.qvel[:] = there.qpos, there.qvel
         mujoco.mj_forward(model, data)
         asked = stiffness * (goals[k] - data.qpos) + data.qfrc_bias / 2

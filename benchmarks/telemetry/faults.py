@@ -8,6 +8,12 @@ from functools import partial
 import mujoco
 import numpy as np
 
+from benchmarks.recordings import (
+    edit_episodes,
+    edit_values,
+    join_readings,
+    select_rows,
+)
 from selfheal.recording import Episode, Recording
 from selfheal.telemetry import Fault
 from selfheal.telemetry.joints import JointColumns, list_joints
@@ -30,10 +36,8 @@ class Injection:
     """One fault in one recording.
 
     Attributes:
-        name: of the sort of fault.
         kinds: of faults that name it rightly.
         columns: that are at fault, or the episode; empty where it is the time.
-        recording: with the fault.
         model: the given one, or with a narrowed range.
     """
 
@@ -191,7 +195,7 @@ def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
 
 def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
     def tear(e: Episode) -> Episode:
-        return _select(e, np.abs(e.time - e.time.mean()) > 0.2)
+        return select_rows(e, np.abs(e.time - e.time.mean()) > 0.2)
 
     def repeat(e: Episode) -> Episode:
         steps = np.diff(e.time, prepend=e.time[0] - 1)
@@ -204,28 +208,22 @@ def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injec
             ("gap", "gap", tear),
             ("duplicates", "duplicate", repeat),
         ):
-            yield Injection(name, (kind,), frozenset(), _edit(recording, change), model)
-
-
-def _edit(recording: Recording, change: Callable[[Episode], Episode]) -> Recording:
-    episodes = {name: change(e) for name, e in recording.episodes.items()}
-    return replace(recording, episodes=episodes)
+            yield Injection(
+                name, (kind,), frozenset(), edit_episodes(recording, change), model
+            )
 
 
 def change_columns(
-    recording: Recording, columns: frozenset[str], change: Change
+    recording: Recording, columns: Collection[str], change: Change
 ) -> Recording:
     """A recording with some signals changed, by their times and values."""
-    return _edit(recording, lambda e: _change(e, columns, change))
+    return edit_episodes(recording, lambda e: _change(e, columns, change))
 
 
-def _change(e: Episode, columns: frozenset[str], change: Change) -> Episode:
+def _change(e: Episode, columns: Collection[str], change: Change) -> Episode:
     """An episode with some signals changed; the state it begins with is left out."""
-    signals = {
-        name: replace(s, values=change(e.time, s.values)) if name in columns else s
-        for name, s in e.signals.items()
-    }
-    return replace(e, signals=signals, qpos0=None, qvel0=None)
+    changed = edit_values(e, lambda n, x: change(e.time, x) if n in columns else x)
+    return replace(changed, qpos0=None, qvel0=None)
 
 
 def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
@@ -237,18 +235,10 @@ def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording
     """A recording in which each of some columns has the readings of another."""
 
     def exchange(e: Episode) -> Episode:
-        signals = {
-            name: replace(s, values=e.signals[columns.get(name, name)].values)
-            for name, s in e.signals.items()
-        }
-        return replace(e, signals=signals, qpos0=None, qvel0=None)
+        taken = edit_values(e, lambda n, x: e.signals[columns.get(n, n)].values)
+        return replace(taken, qpos0=None, qvel0=None)
 
-    return _edit(recording, exchange)
-
-
-def _select(e: Episode, rows: np.ndarray) -> Episode:
-    signals = {n: replace(s, values=s.values[rows]) for n, s in e.signals.items()}
-    return replace(e, time=e.time[rows], ctrl=e.ctrl[rows], signals=signals)
+    return edit_episodes(recording, exchange)
 
 
 def _delay(seconds: float, time: Values, x: Values) -> Values:
@@ -261,9 +251,7 @@ def _narrow(
     recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
 ) -> mujoco.MjModel:
     """The model with a range of which the readings take a share, or leave it."""
-    x = np.concatenate(
-        [e.signals[joint.position].values for e in recording.episodes.values()]
-    )
+    x = join_readings(recording, joint.position)
     low, high = np.nanquantile(x, [0.01, 0.99])
     narrowed = copy.copy(model)
     narrowed.jnt_limited[joint.number] = 1
@@ -273,8 +261,7 @@ def _narrow(
 
 
 def _moves(recording: Recording, name: str) -> bool:
-    x = np.concatenate([e.signals[name].values for e in recording.episodes.values()])
-    return bool(np.nanstd(x) > 0.05)
+    return bool(np.nanstd(join_readings(recording, name)) > 0.05)
 
 
 def _stretch(time: Values, x: Values, slope: float) -> Values:

@@ -54,7 +54,7 @@ def test_test_is_valid_and_states_where_it_starts(case, folders):
 
 
 def test_key_is_not_with_the_case(folders, case):
-    cases, keys = folders
+    cases, _ = folders
     assert {p.name for p in cases.rglob("*") if p.is_file()} == {
         "model.xml",
         "recording.h5",

@@ -15,7 +15,8 @@ from benchmarks.hidden.effects.base import Effect
 def _read_catalogue() -> dict[str, dict[str, Effect]]:
     """Effects by group and name: how each is drawn and installed, and the rest."""
     text = Path(__file__).with_name("catalogue.toml").read_text()
-    physics = joints.PHYSICS | drives.PHYSICS | bodies.PHYSICS | unlisted.PHYSICS
+    rooms = (joints, drives, bodies, unlisted)
+    physics = {name: pair for room in rooms for name, pair in room.PHYSICS.items()}
     return {
         group: {
             name: Effect(*physics[name], **{"name": name, **table})

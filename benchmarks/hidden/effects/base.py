@@ -4,10 +4,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import MjData
 
 from benchmarks.hidden.robots.robot import Rng, Robot, get_name
 from benchmarks.hidden.truth import Force, HiddenRobot
@@ -88,10 +88,8 @@ class Effect:
 
     Attributes:
         draw: gives a function from a size (about 1) to its parameters.
-        install: puts it into the hidden robot.
         name: of contract section 4.
         where: which of a robot's joints, bodies and so on can have it.
-        units: of its parameters.
         sizes: smallest and largest size that is still sane.
         zeroes: values that the given model must not state, "{}" being the target; "?":
             in half of the cases.
@@ -116,10 +114,6 @@ class Effect:
     def choose_omissions(self, target: str, rng: Rng) -> tuple[frozenset[str], float]:
         """What the given model must not state for it, and its medium's density.
 
-        Args:
-            target: where.
-            rng: decides about what may be stated or not.
-
         Returns:
             Attributes that are stated as 0, as "damping:j1", and the density [kg/m^3].
         """
@@ -137,9 +131,6 @@ class PlacedEffect:
     """An effect at a place, with what it is made of.
 
     Attributes:
-        effect: of the catalogue, or unlisted.
-        target: where.
-        values: its parameters.
         strength: error over noise, as it is and after a refit.
     """
 
@@ -193,17 +184,11 @@ def draw_nothing(robot: Robot, target: str, rng: Rng) -> Sized:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint of the compiled hidden robot.
-
-    Attributes:
-        robot: as given.
-        name: of the joint.
-        model: compiled.
-    """
+    """A joint of the compiled hidden robot."""
 
     robot: Robot
     name: str
-    model: Any
+    model: mujoco.MjModel
 
     @cached_property
     def q(self) -> int:
@@ -231,7 +216,7 @@ class Joint:
         return float(self.model.actuator_gainprm[self.actuator, 0])
 
 
-def push_joint(push: Callable[[Joint, Values, mujoco.MjData, float], None]) -> Install:
+def push_joint(push: Callable[[Joint, Values, MjData, float], None]) -> Install:
     """What installs a force at the joint of a target, which keeps nothing.
 
     Args:

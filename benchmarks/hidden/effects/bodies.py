@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.hidden.effects.base import (
@@ -135,7 +136,7 @@ def _install_wind(truth: HiddenRobot, target: str, v: Values) -> None:
     truth.spec.option.wind = [v[c] for c in ("vx", "vy", "vz")]
 
 
-def _list_contact_geoms(spec: Any) -> list[Any]:
+def _list_contact_geoms(spec: mujoco.MjSpec) -> list[Any]:
     return [g for g in spec.geoms if g.contype or g.conaffinity]
 
 

@@ -3,9 +3,9 @@
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
+from mujoco import MjData
 
 from benchmarks.hidden.effects.base import (
     Draw,
@@ -134,7 +134,7 @@ def _install_speed_limit(truth: HiddenRobot, target: str, v: Values) -> None:
     push_joint(_push_speed_limit)(truth, target, v)
 
 
-def _push_speed_limit(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_speed_limit(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """Torque in the direction of motion falls from stall to 0 at the no-load speed."""
     ratio, stall = float(data.qvel[joint.dof]) / v["no_load_speed"], v["stall_torque"]
     high = stall * min(max(1 - ratio, 0.0), 1.0)
@@ -176,7 +176,7 @@ def _make_integral(joint: Joint, v: Values) -> Force:
     """Torque = ki x integral of the servo's error, within imax; 0 at time 0."""
     total, fine, imax = [0.0], float(joint.model.opt.timestep), v["imax"]
 
-    def push(data: Any, time: float) -> None:
+    def push(data: MjData, time: float) -> None:
         if time < 0:
             return
         error = float(data.ctrl[joint.control]) - float(data.qpos[joint.q])
@@ -186,7 +186,7 @@ def _make_integral(joint: Joint, v: Values) -> Force:
     return push
 
 
-def _push_dead_band(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_dead_band(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """The servo's stiffness does nothing within a torque [N m] of its error."""
     error = float(data.ctrl[joint.control] - data.qpos[joint.q])
     commanded, width = joint.stiffness * error, v["width"]

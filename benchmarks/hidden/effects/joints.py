@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import mujoco
+from mujoco import MjData
 
 from benchmarks.hidden.effects.base import (
     Draw,
@@ -76,7 +77,7 @@ def _draw_stribeck(robot: Robot, target: str, rng: Rng) -> Sized:
     return values
 
 
-def _push_stiction(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_stiction(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """Friction that falls with speed: excess exp(-(v / stribeck_velocity)^2)."""
     ratio = float(data.qvel[joint.dof]) / v["stribeck_velocity"]
     extra = v["excess"] * math.exp(-min(ratio * ratio, 700.0))
@@ -89,7 +90,7 @@ def _install_stribeck(truth: HiddenRobot, target: str, v: Values) -> None:
     push_joint(_push_stiction)(truth, target, excess)
 
 
-def _push_load_friction(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_load_friction(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """Friction = load_coefficient |torque| of the motor, or of motor and load."""
     torque = abs(float(data.qfrc_actuator[joint.dof]))
     if v.get("both", 0.0):
@@ -111,7 +112,7 @@ def _install_asymmetric_friction(truth: HiddenRobot, target: str, v: Values) -> 
     push_joint(_push_torque)(truth, target, {"torque": (negative - positive) / 2})
 
 
-def _push_torque(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_torque(joint: Joint, v: Values, data: MjData, time: float) -> None:
     data.qfrc_applied[joint.dof] += v["torque"]
 
 
@@ -175,7 +176,7 @@ def _draw_cogging(robot: Robot, target: str, rng: Rng) -> Sized:
     return lambda s: {"amplitude": s * base, "poles": poles, "phase": phase}
 
 
-def _push_cogging(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_cogging(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """Torque = amplitude sin(poles q + phase)."""
     angle = v["poles"] * float(data.qpos[joint.q]) + v["phase"]
     data.qfrc_applied[joint.dof] += v["amplitude"] * math.sin(angle)

@@ -7,6 +7,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from mujoco import MjData
 
 from benchmarks.hidden.effects.base import (
     Draw,
@@ -46,7 +47,7 @@ def _push_body(push: Push) -> Install:
     """
 
     def install(truth: HiddenRobot, target: str, v: Values) -> None:
-        def make(model: Any) -> Force:
+        def make(model: mujoco.MjModel) -> Force:
             body = model.body(get_name(target))
             mass, inertia = float(body.mass[0]), body.inertia.copy()
             return lambda data, time: push(mass, inertia, v, data)
@@ -56,20 +57,20 @@ def _push_body(push: Push) -> Install:
     return install
 
 
-def _push_rough_spot(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_rough_spot(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """Dry friction in one narrow range of angles only."""
     center = v["middle"] + v["at"] * v["reach"]
     off = (float(data.qpos[joint.q]) - center) / (0.12 * v["reach"])
     joint.model.dof_frictionloss[joint.dof] += v["size"] * math.exp(-off * off)
 
 
-def _push_negative_damping(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_negative_damping(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """A push along the motion at middling speeds."""
     ratio = float(data.qvel[joint.dof]) / (v["speed"] * v["reach"])
     data.qfrc_applied[joint.dof] += v["size"] * ratio**3 * math.exp(-(ratio**2))
 
 
-def _push_breathing_gain(joint: Joint, v: Values, data: Any, time: float) -> None:
+def _push_breathing_gain(joint: Joint, v: Values, data: MjData, time: float) -> None:
     """A servo whose gain comes and goes."""
     if time < 0:
         return
@@ -85,7 +86,7 @@ def _make_crossed_cubic(joint: Joint, v: Values) -> Force:
     name = joints[joints.index(joint.name) - 1]
     other, reach = replace(joint, name=name), joint.robot.amplitude[name]
 
-    def push(data: Any, time: float) -> None:
+    def push(data: MjData, time: float) -> None:
         ratio = min(max(float(data.qpos[other.q]) / reach, -1.5), 1.5)
         data.qfrc_applied[joint.dof] -= v["size"] * (4 * ratio**3 - 3 * ratio)
 
@@ -96,7 +97,7 @@ def _make_bouc_wen(joint: Joint, v: Values) -> Force:
     """A spring with a memory: dz/dt = w - |w| z |z|, w = speed / yield angle."""
     z, fine, small = [0.0], float(joint.model.opt.timestep), v["yield"] * v["reach"]
 
-    def push(data: Any, time: float) -> None:
+    def push(data: MjData, time: float) -> None:
         speed = float(data.qvel[joint.dof]) / small
         z[0] += fine * (speed - abs(speed) * z[0] * abs(z[0]))
         data.qfrc_applied[joint.dof] -= v["size"] * z[0]
@@ -109,7 +110,7 @@ def _make_bursts(joint: Joint, v: Values) -> Force:
     noise = np.random.default_rng(int(v["seed"] * 2**31))
     center, now = v["middle"] + v["at"] * v["reach"], [0.0, -1.0]
 
-    def push(data: Any, time: float) -> None:
+    def push(data: MjData, time: float) -> None:
         if time > now[1]:
             now[:] = float(noise.normal()), time + 0.06
         if abs(float(data.qpos[joint.q]) - center) < 0.3 * v["reach"]:
@@ -118,7 +119,7 @@ def _make_bursts(joint: Joint, v: Values) -> Force:
     return push
 
 
-def _push_magnus(mass: float, inertia: np.ndarray, v: Values, data: Any) -> None:
+def _push_magnus(mass: float, inertia: np.ndarray, v: Values, data: MjData) -> None:
     """A force across the spin and the velocity."""
     turn = np.zeros(9)
     mujoco.mju_quat2Mat(turn, data.qpos[3:7])
@@ -126,14 +127,14 @@ def _push_magnus(mass: float, inertia: np.ndarray, v: Values, data: Any) -> None
     data.qfrc_applied[:3] += 0.02 * mass * v["size"] * np.cross(spin, data.qvel[:3])
 
 
-def _push_magnet(mass: float, inertia: np.ndarray, v: Values, data: Any) -> None:
+def _push_magnet(mass: float, inertia: np.ndarray, v: Values, data: MjData) -> None:
     """A pull towards a point of the table, strong when near."""
     away = data.qpos[:3] - np.array([v["x"], v["y"], 0.0])
     pull = 2.0 * mass * v["size"] / (1 + (away @ away) / 0.15**2)
     data.qfrc_applied[:3] -= pull * away / max(np.linalg.norm(away), 0.02)
 
 
-def _push_flywheel(mass: float, inertia: np.ndarray, v: Values, data: Any) -> None:
+def _push_flywheel(mass: float, inertia: np.ndarray, v: Values, data: MjData) -> None:
     """The moment of a rotor that spins inside the body."""
     size = float(inertia.max()) * v["size"] * 3.0
     axis = size * np.array([v["x"], v["y"], 0.3])

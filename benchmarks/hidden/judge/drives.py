@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from benchmarks.diagnosis_runs import DOCUMENT, replay_inputs
@@ -14,6 +15,8 @@ from benchmarks.hidden.drives import HORIZONS, draft_case
 from benchmarks.hidden.effects.base import PlacedEffect
 from benchmarks.hidden.judge.names import (
     ALSO,
+    Judged,
+    describe,
     judge_names,
     read_places,
     select_real_findings,
@@ -32,7 +35,6 @@ from benchmarks.replay_error import compute_score, extract_values, simulate_open
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read
 
-Judged = dict[str, Any]
 Pieces = Mapping[str, Recording]  # by horizon
 NEAR_FLOOR = 1.3  # times the truth's error, within which "nothing" may be said
 EXPLAINED = 0.9  # of what the truth removes of the given model's error
@@ -44,11 +46,7 @@ SHARED = {"0.5 s": 12, "2 s": 4}
 def score_truth(
     experiment: Experiment, placed: Sequence[PlacedEffect], pieces: Recording
 ) -> float:
-    """Score of the hidden physics itself.
-
-    Args:
-        placed: its effects, or those without one.
-    """
+    """Score of the hidden physics itself."""
     robot = experiment.robot
     simulator = Simulator(experiment.make_hidden_robot(placed))
     found = {}
@@ -71,9 +69,6 @@ def measure_references(
 ) -> dict[str, Any]:
     """Errors by horizon of the given model, the plain fit and the truth; its effects.
 
-    Args:
-        tests: pieces of what a diagnosis is scored on.
-
     Returns:
         `errors` by model and horizon [1], `plain_fit` its values, and `effects`: name,
         targets, and the share of the squared error that each removes when added last.
@@ -81,7 +76,7 @@ def measure_references(
     given = draft.state_model().model
     fit = fit_drives(given, train)
 
-    def predict(model: Any, delay: float) -> dict[str, float]:
+    def predict(model: mujoco.MjModel, delay: float) -> dict[str, float]:
         return {
             name: compute_score(simulate_open_loop(model, pieces, delay), pieces)
             for name, pieces in tests.items()
@@ -137,7 +132,6 @@ def judge_verdict(
     """Whether a verdict agrees with the errors at every horizon.
 
     Args:
-        found: errors of its replay, by horizon.
         errors: of the given model and the truth, by model and horizon.
     """
     for name, error in found.items():
@@ -157,7 +151,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     What the case allows is measured once, and kept beside its key.
 
     Args:
-        keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """
     sealed = keys / case.name
@@ -170,8 +163,8 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
         measured = measure_references(draft, experiment, train, tests)
         with atomic_path(known) as path:
             path.write_text(json.dumps(measured, indent=1, default=float) + "\n")
-    references, run = json.loads(known.read_text()), read_json(case / "run.json") or {}
-    document = read_json(case / DOCUMENT) or {}
+    references, run = json.loads(known.read_text()), read_json(case / "run.json")
+    document = read_json(case / DOCUMENT)
     findings = select_real_findings(document, key)
     errors = references["errors"]
     # without a diagnosis the user has the model as given
@@ -183,7 +176,7 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
         "robot": f"{key['robot']}, {experiment.robot.drive}, {key['rate']:.0f} Hz",
         "run": {k: v for k, v in run.items() if k != "stderr"},
         "verdict": verdict,
-        "found": [f"{f['effect']} {f['target']}" for f in findings],
+        "found": describe(findings),
         **judge_names(findings, references["effects"], read_places(case)),
         "errors": {**errors, "selfheal": found or errors["given"]},
         "replayed": bool(found),

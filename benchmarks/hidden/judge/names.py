@@ -1,7 +1,7 @@
 """Names judged: takes findings, truths and the model, gives what was right."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,8 @@ EVERYWHERE = ("clock_shift", "gravity_compensation", "base_compliance")
 WORLDLY = {"ground_friction", "ground_compliance", "fluid_drag", "wind", "slope"}
 TURNS = {"phase", "azimuth"}  # angles that are the same after a whole turn
 
-Finding = Mapping[str, Any]
+Finding = Mapping[str, Any]  # of diagnosis.json, or a truth of the key
+Judged = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,10 @@ class Places:
         target = str(finding.get("target", ""))
         world = {"world"} if finding.get("effect") in WORLDLY else set()
         return self.same.get(target, frozenset({target})) | world
+
+    def are_same(self, one: Finding, other: Finding) -> bool:
+        """Whether two findings or truths are at one place."""
+        return bool(self.find_place(one) & self.find_place(other))
 
 
 def read_places(case: Path) -> Places:
@@ -100,91 +105,86 @@ def names_truth(finding: Finding, truth: Finding) -> bool:
     return are_alike(finding["effect"], name) or name in finding.get("equivalent", ())
 
 
-def select_real_findings(diagnosis: Mapping[str, Any] | None, key: Mapping[str, Any]):
+def select_real_findings(diagnosis: Finding, key: Finding) -> list[Finding]:
     """Findings without the encoder steps that the noise itself made true."""
-    steps = set(key.get("quantized_noise", ()))
-    findings = (diagnosis or {}).get("findings") or []
-    return [
-        f
-        for f in findings
-        if not (f["effect"] == "quantization" and f["target"] in steps)
-    ]
+    steps = {("quantization", sensor) for sensor in key.get("quantized_noise", ())}
+    findings = diagnosis.get("findings") or []
+    return [f for f in findings if (f["effect"], f["target"]) not in steps]
 
 
-def judge_case(
-    key: Mapping[str, Any],
-    diagnosis: Mapping[str, Any] | None,
-    run: Mapping[str, Any] | None,
-    places: Places,
-) -> dict[str, Any]:
-    """What was right in one case.
+def describe(findings: Sequence[Finding]) -> list[str]:
+    """Effects and targets of findings or truths."""
+    return [f"{f['effect']} {f['target']}" for f in findings]
 
-    Args:
-        diagnosis: diagnosis.json, or None where there is none.
-        run: run.json, or None.
-    """
+
+def judge_case(key: Finding, diagnosis: Finding, places: Places) -> Judged:
+    """What was right in one case, by its key and diagnosis.json; {} if it has none."""
     findings = select_real_findings(diagnosis, key)
-    fit = (diagnosis or {}).get("fit") or {}
-    judged: dict[str, Any] = {
+    judged = {
         "seed": key["seed"],
         "kind": key["kind"],
         "robot": key["robot"],
-        "truth": [f"{e['effect']} {e['target']}" for e in key["effects"]],
-        "verdict": (diagnosis or {}).get("verdict", "failed"),
-        "found": [f"{f['effect']} {f['target']}" for f in findings],
-        "removed": fit.get("explainable_removed"),
-        "run": {k: v for k, v in (run or {}).items() if k != "stderr"},
+        "truth": describe(key["effects"]),
+        "verdict": diagnosis.get("verdict", "failed"),
+        "found": describe(findings),
+        "removed": (diagnosis.get("fit") or {}).get("explainable_removed"),
     }
-    return judged | _JUDGES[key["kind"]](key["effects"], findings, places, judged)
+    found = Found(key["effects"], findings, places, judged["verdict"])
+    return judged | _JUDGES[key["kind"]](found)
 
 
-def _judge_null(truths, findings, places: Places, judged) -> dict[str, Any]:
-    return {"false_name": bool(findings), "quiet": judged["verdict"] == "nothing"}
+@dataclass(frozen=True)
+class Found:
+    """What was found in a case, beside its truths."""
+
+    truths: Sequence[Finding]
+    findings: Sequence[Finding]
+    places: Places
+    verdict: str
 
 
-def _judge_unlisted(truths, findings, places: Places, judged) -> dict[str, Any]:
-    related = RELATED.get(truths[0]["effect"], ())
-    described = all(f["effect"] in related for f in findings)
+def _judge_null(case: Found) -> Judged:
+    return {"false_name": bool(case.findings), "quiet": case.verdict == "nothing"}
+
+
+def _judge_unlisted(case: Found) -> Judged:
+    related = RELATED.get(case.truths[0]["effect"], ())
+    described = all(f["effect"] in related for f in case.findings)
     return {
-        "no_wrong_name": not findings and judged["verdict"] not in ("failed",),
-        "related_only": described and judged["verdict"] not in ("explained", "failed"),
-        "noticed": judged["verdict"] in ("unlisted", "partly", "explained"),
-    }
-
-
-def _judge_single(truths, findings, places: Places, judged) -> dict[str, Any]:
-    truth = truths[0]
-    first = findings[0] if findings else None
-    right = first is not None and names_truth(first, truth)
-    return {
-        "first": first["effect"] if first else judged["verdict"],
-        "exact": first is not None and first["effect"] == truth["effect"],
-        "class": right,
-        "place": first is not None
-        and bool(places.find_place(first) & places.find_place(truth)),
-        "listed": any(names_truth(f, truth) for f in findings),
-        "extra": sum(not names_truth(f, truth) for f in findings),
-        "covered": check_intervals(truths, findings, places),
+        "no_wrong_name": not case.findings and case.verdict != "failed",
+        "related_only": described and case.verdict not in ("explained", "failed"),
+        "noticed": case.verdict in ("unlisted", "partly", "explained"),
     }
 
 
-def _judge_double(truths, findings, places: Places, judged) -> dict[str, Any]:
-    def exact(finding, truth):
-        return finding["effect"] == truth["effect"]
-
-    def placed(finding, truth):
-        same = places.find_place(finding) & places.find_place(truth)
-        return names_truth(finding, truth) and bool(same)
-
+def _judge_single(case: Found) -> Judged:
+    (truth,), findings = case.truths, case.findings
+    named = [names_truth(f, truth) for f in findings]
+    first = findings[0] if findings else {"effect": case.verdict}
     return {
-        "hits": {
-            "exact": _count_matches(truths, findings, exact),
-            "class": _count_matches(truths, findings, names_truth),
-            "class and place": _count_matches(truths, findings, placed),
-        },
-        "truths": len(truths),
-        "findings": len(findings),
-        "covered": check_intervals(truths, findings, places),
+        "first": first["effect"],
+        "exact": bool(findings) and first["effect"] == truth["effect"],
+        "class": any(named[:1]),
+        "place": bool(findings) and case.places.are_same(first, truth),
+        "listed": any(named),
+        "extra": named.count(False),
+        "covered": check_intervals(case),
+    }
+
+
+def _judge_double(case: Found) -> Judged:
+    def is_exact(finding: Finding, truth: Finding) -> bool:
+        return bool(finding["effect"] == truth["effect"])
+
+    def is_placed(finding: Finding, truth: Finding) -> bool:
+        return names_truth(finding, truth) and case.places.are_same(finding, truth)
+
+    fits = {"exact": is_exact, "class": names_truth, "class and place": is_placed}
+    return {
+        "hits": {how: _count_matches(case, fit) for how, fit in fits.items()},
+        "truths": len(case.truths),
+        "findings": len(case.findings),
+        "covered": check_intervals(case),
     }
 
 
@@ -196,26 +196,25 @@ _JUDGES = {
 }
 
 
-def _count_matches(truths: Sequence, findings: Sequence, fits) -> int:
+def _count_matches(case: Found, fits: Callable[[Finding, Finding], bool]) -> int:
     """The most pairs of a truth and a finding that fit, each used once."""
-    pairs = np.array([[fits(f, t) for f in findings] for t in truths], int)
-    pairs = pairs.reshape(len(truths), len(findings))
+    pairs = np.array([[fits(f, t) for f in case.findings] for t in case.truths], int)
+    pairs = pairs.reshape(len(case.truths), len(case.findings))
     return int(pairs[linear_sum_assignment(pairs, maximize=True)].sum())
 
 
-def check_intervals(truths, findings, places: Places) -> list[dict[str, Any]]:
+def check_intervals(case: Found) -> list[Judged]:
     """Whether the interval of each parameter of a right effect holds the truth."""
     found = []
-    for truth in truths:
-        for finding in findings:
-            same = finding["effect"] == truth["effect"]
-            if same and places.find_place(finding) & places.find_place(truth):
-                found += _check_parameters(truth, finding)
-                break
+    for truth in case.truths:
+        right = (f for f in case.findings if f["effect"] == truth["effect"])
+        placed = (f for f in right if case.places.are_same(f, truth))
+        if finding := next(placed, None):
+            found += _check_parameters(truth, finding)
     return found
 
 
-def _check_parameters(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
+def _check_parameters(truth: Finding, finding: Finding) -> list[Judged]:
     stated = dict(_flatten_parameters(finding.get("parameters", ())))
     found = []
     for parameter in truth["parameters"]:
@@ -232,56 +231,47 @@ def _check_parameters(truth: Finding, finding: Finding) -> list[dict[str, Any]]:
     return found
 
 
-def _flatten_parameters(parameters):
+def _flatten_parameters(
+    parameters: Sequence[Finding],
+) -> Iterator[tuple[str, Sequence[float | None]]]:
     """Name and (value, low, high), a vector as its columns x, y, z."""
     for p in parameters:
-        value, low, high = p.get("value"), p.get("low"), p.get("high")
-        if not isinstance(value, (list, tuple)):
-            yield p["name"], (value, low, high)
+        numbers: list[Any] = [p.get(key) for key in ("value", "low", "high")]
+        if not isinstance(p.get("value"), (list, tuple)):
+            yield p["name"], numbers
             continue
-        for axis, triple in zip("xyz", zip(value, low, high, strict=True), strict=True):
+        for axis, triple in zip("xyz", zip(*numbers, strict=True), strict=True):
             yield f"{p['name']}_{axis}", triple
 
 
 # ---------------------------------------------------------------- several at once
 
 
-def _is_named(finding: Finding, effect: Mapping[str, Any], places: Places) -> bool:
+def _is_named(finding: Finding, effect: Finding, places: Places) -> bool:
     """Whether a finding's name, or one that it says may be it, is an effect's."""
     names, good = {finding["effect"], *finding.get("equivalent", ())}, effect["names"]
     if not (names & set(good) or are_alike(finding["effect"], good[0])):
         return False
     if good[0] in EVERYWHERE:
         return True
-    return bool(places.find_place(finding) & places.find_place(effect))
+    return places.are_same(finding, effect)
 
 
 def judge_names(
-    findings: Sequence[Finding],
-    effects: Sequence[Mapping[str, Any]],
-    places: Places,
-) -> dict[str, Any]:
-    """Which needed effects were named at their place, and which names are false.
-
-    Args:
-        effects: names, target, and whether each is needed.
-        places: what is the same place in the model.
-    """
+    findings: Sequence[Finding], effects: Sequence[Finding], places: Places
+) -> Judged:
+    """Which needed effects were named at their place, and which names are false."""
     missed = [
         f"{e['names'][0]} {e['target']}"
         for e in effects
         if e["needed"] and not any(_is_named(f, e, places) for f in findings)
     ]
-    false = [
-        f"{f['effect']} {f['target']}"
-        for f in findings
-        if not any(_is_named(f, e, places) for e in effects)
-    ]
+    false = [f for f in findings if not any(_is_named(f, e, places) for e in effects)]
     needed = sum(e["needed"] for e in effects)
     return {
         "needed": needed,
         "named": needed - len(missed),
         "missed": missed,
         "names": len(findings),
-        "false": false,
+        "false": describe(false),
     }

@@ -7,7 +7,8 @@ from typing import Any
 from benchmarks.hidden.drafts import KINDS
 from benchmarks.hidden.drives import HORIZONS
 from benchmarks.hidden.judge import drives, sealed
-from benchmarks.hidden.judge.sealed import Judged, compute_median, select_kind
+from benchmarks.hidden.judge.names import Judged
+from benchmarks.hidden.judge.sealed import compute_median, select_kind
 from benchmarks.writer import format_hits
 from selfheal.study.statistics import format_share
 

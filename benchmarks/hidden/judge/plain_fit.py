@@ -5,7 +5,6 @@ pieces: nothing is chosen, and no code of selfheal takes part.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -25,12 +24,11 @@ class DriveFit:
     """A model with the values that were fitted.
 
     Attributes:
-        model: compiled.
         values: (3, n) dry friction [N m or N], viscous friction and rotors.
         delay: [s] of the commands.
     """
 
-    model: Any
+    model: mujoco.MjModel
     values: np.ndarray
     delay: float
 
@@ -42,13 +40,15 @@ def choose_evenly(pieces: Recording, count: int) -> Recording:
     return replace(pieces, episodes={names[i]: pieces.episodes[names[i]] for i in at})
 
 
-def find_driven(model: Any) -> np.ndarray:
+def find_driven(model: mujoco.MjModel) -> np.ndarray:
     """Degrees of freedom (n) that have an actuator, or all where there is none."""
     moved = model.actuator_trnid[:, 0]
     return np.unique(model.jnt_dofadr[moved]) if model.nu else np.arange(model.nv)
 
 
-def _guess_scales(model: Any, pieces: Recording, dofs: np.ndarray) -> np.ndarray:
+def _guess_scales(
+    model: mujoco.MjModel, pieces: Recording, dofs: np.ndarray
+) -> np.ndarray:
     """Likely sizes (3, n) of dry friction, viscous friction and rotors."""
     data, given, inertias = mujoco.MjData(model), [], []
     full, speeds = np.zeros((model.nv, model.nv)), []
@@ -66,7 +66,7 @@ def _guess_scales(model: Any, pieces: Recording, dofs: np.ndarray) -> np.ndarray
     return np.array([friction, friction / speed, rotor])
 
 
-def fit_drives(model: Any, recording: Recording) -> DriveFit:
+def fit_drives(model: mujoco.MjModel, recording: Recording) -> DriveFit:
     """The plain fit of a model.
 
     Args:

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.diagnosis_runs import DOCUMENT, score_diagnosis
-from benchmarks.hidden.judge.names import judge_case, read_places
+from benchmarks.hidden.judge.names import Judged, judge_case, read_places
 from selfheal.study.statistics import compute_wilson_interval
-
-Judged = dict[str, Any]
 
 
 def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
@@ -35,11 +33,7 @@ def select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
 
 
 def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
-    """Every figure of the issue's table.
-
-    Args:
-        cases: judged by `read_case`.
-    """
+    """Every figure of the issue's table."""
     single, null = select_kind(cases, "single"), select_kind(cases, "null")
     odd, double = select_kind(cases, "unlisted"), select_kind(cases, "double")
     covered = [p for c in single + double for p in c["covered"]]
@@ -127,18 +121,17 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     """Judge one case of a folder by its key and its diagnosis, if it has one.
 
     Args:
-        keys: folder of what is concealed of all cases.
         replay: words that start a replay; empty: the test is not replayed.
     """
     key = json.loads((keys / case.name / "key.json").read_text())
-    diagnosis, run = read_json(case / DOCUMENT), read_json(case / "run.json")
-    judged = judge_case(key, diagnosis, run, read_places(case))
-    found = {"case": case.name, **judged, "test": key.get("test", {})}
+    judged = judge_case(key, read_json(case / DOCUMENT), read_places(case))
+    run = {k: v for k, v in read_json(case / "run.json").items() if k != "stderr"}
+    found = {"case": case.name, **judged, "run": run, "test": key.get("test", {})}
     if replay:
         found["patched"] = score_diagnosis(case, keys / case.name, replay)
     return found
 
 
-def read_json(file: Path) -> dict[str, Any] | None:
-    """What a JSON file holds; None where there is none."""
-    return json.loads(file.read_text()) if file.is_file() else None
+def read_json(file: Path) -> dict[str, Any]:
+    """What a JSON file holds; nothing where there is none."""
+    return json.loads(file.read_text()) if file.is_file() else {}

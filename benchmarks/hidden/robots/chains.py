@@ -16,7 +16,6 @@ class Link:
     """A body of a chain, its joint, and what drives it.
 
     Attributes:
-        joint: its name.
         axis: of the joint, in MJCF.
         at: (3) [m] where it is attached to the link before it.
         to: (3) [m] where it ends.
@@ -24,7 +23,6 @@ class Link:
         mass: [kg] of the capsule.
         swing: [rad or m] amplitude of its motions.
         home: [rad or m] in the middle of its motions.
-        slide: whether the joint is a slide.
     """
 
     joint: str
@@ -48,11 +46,8 @@ class Chain:
     """A chain of links, written by parts.
 
     Attributes:
-        name: of its sort.
-        links: from the base outwards.
         rate: [Hz] around which it moves.
         timestep: [s] of the model.
-        integrator: of the model.
         tilt: [rad] by which the base is turned about y.
         linkage: whether the second of two links is the crank of a four-bar linkage.
     """
@@ -235,7 +230,6 @@ def draw_chain(rng: Rng, count: int, style: str) -> Robot:
     """A random robot.
 
     Args:
-        count: of its joints, 1 to 7.
         style: "servo", "motor" or "none", of its actuators.
     """
     size, heavy, rate = SIZES[rng.integers(3)]

@@ -20,7 +20,6 @@ class Robot:
     """A given model and what a suite has to know of it.
 
     Attributes:
-        name: of the shape.
         xml: the model as the user has it.
         load: [N m or N] torque that is typical of each joint.
         amplitude: [rad or m] of each joint's motion.
@@ -118,12 +117,16 @@ def get_name(target: str) -> str:
     return target.partition(":")[2]
 
 
+def draw_log_uniform(rng: Rng, low: float, high: float) -> float:
+    """A number whose logarithm is uniform."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
 @dataclass
 class NumberDraw:
     """Draws a model's numbers; those listed as zero are stated as 0.
 
     Attributes:
-        rng: the generator.
         zero: "damping:j1" and the like.
         density: [kg/m^3] of the medium.
     """

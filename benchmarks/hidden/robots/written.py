@@ -19,7 +19,7 @@ from benchmarks.hidden.sensors import Sensor, Sensors
 FOLDER = Path(__file__).parent / "written"
 TURN = 2 * np.pi
 DRONE_MASS, DRONE_ARM, DRONE_SPIN = 0.6, 0.12, 0.02  # [kg], [m], [m] of drone.xml
-Control = Callable[[float, Any], np.ndarray]  # of the time [s] and MjData
+Control = Callable[[float, mujoco.MjData], np.ndarray]  # of the time [s] and MjData
 Motion = Callable[[Rng, Robot], Control]
 Start = Callable[[np.ndarray, np.ndarray, Rng], None]  # changes qpos and qvel
 
@@ -49,7 +49,7 @@ def command_sines(
         sizes = np.atleast_1d(size) * np.ones(columns)
         f, p = _draw_waves(rng, 3, columns, slow, fast)
 
-        def command(t: float, data: Any) -> np.ndarray:
+        def command(t: float, data: mujoco.MjData) -> np.ndarray:
             wave = [np.sin(TURN * f[k] * t + p[k]) for k in range(3)]
             return sizes * (0.6 * wave[0] + 0.4 * wave[1] + steps * np.sign(wave[2]))
 
@@ -62,14 +62,14 @@ def _follow_sines(
     columns: int,
     rates: tuple[float, float],
     sizes: tuple[float, float],
-    push: Callable[[np.ndarray, Any], np.ndarray],
+    push: Callable[[np.ndarray, mujoco.MjData], np.ndarray],
 ) -> Motion:
     """A motion in which a feedback follows two sines, from (goal, data) to commands."""
 
     def motion(rng: Rng, robot: Robot) -> Control:
         f, p = _draw_waves(rng, 2, columns, *rates)
 
-        def command(t: float, data: Any) -> np.ndarray:
+        def command(t: float, data: mujoco.MjData) -> np.ndarray:
             goal = sizes[0] * np.sin(TURN * f[0] * t + p[0])
             return push(goal + sizes[1] * np.sin(TURN * f[1] * t + p[1]), data)
 
@@ -78,7 +78,7 @@ def _follow_sines(
     return motion
 
 
-def _push_crane(goal: np.ndarray, data: Any) -> np.ndarray:
+def _push_crane(goal: np.ndarray, data: mujoco.MjData) -> np.ndarray:
     """Bridge and trolley of a crane; the load swings."""
     return np.clip(3.0 * (goal - data.qpos[:2]) - 1.0 * data.qvel[:2], -1, 1)
 
@@ -88,13 +88,13 @@ _STIFF, _DAMP = np.array([60, 150, 60, 12.0]), np.array([6, 12, 4, 0.6])
 _WEIGHT, _GEAR = np.array([0, -6, -2.2, -0.1]), np.array([60, 80, 50, 20.0])
 
 
-def _push_arm(goal: np.ndarray, data: Any) -> np.ndarray:
+def _push_arm(goal: np.ndarray, data: mujoco.MjData) -> np.ndarray:
     """Torques of four geared motors: feedback, and most of the weight."""
     feedback = _STIFF * (ARM_REST + goal - data.qpos) - _DAMP * data.qvel
     return (feedback + _WEIGHT) / _GEAR
 
 
-def _push_lift(goal: np.ndarray, data: Any) -> np.ndarray:
+def _push_lift(goal: np.ndarray, data: mujoco.MjData) -> np.ndarray:
     """Force of a winch that follows heights, most of the weight included."""
     return 117.7 + 400 * (goal - data.qpos[:1]) - 60 * data.qvel[:1]
 
@@ -110,7 +110,7 @@ def _command_hops(rng: Rng, robot: Robot) -> Control:
     """Both legs of the hopper bend and stretch, each joint in its own phase."""
     rate, phase = rng.uniform(0.5, 1.5), rng.uniform(0, 6.3, 4)
 
-    def command(t: float, data: Any) -> np.ndarray:
+    def command(t: float, data: mujoco.MjData) -> np.ndarray:
         wave = 0.13 * np.sin(TURN * rate * t + phase)
         return CROUCH + wave * np.minimum(1, t / 0.3)
 
@@ -132,7 +132,7 @@ def _fly_drone(rng: Rng, robot: Robot) -> Control:
     f, p = _draw_waves(rng, 2, 3, 0.1, 0.5)
     sizes = np.array([0.6, 0.6, 0.3])
 
-    def command(t: float, data: Any) -> np.ndarray:
+    def command(t: float, data: mujoco.MjData) -> np.ndarray:
         path = np.sin(TURN * f[0] * t + p[0]) - np.sin(p[0])
         goal = np.array([0, 0, 1.0]) + sizes * path
         push = 4 * (goal - data.qpos[:3]) - 3 * data.qvel[:3]
@@ -144,7 +144,9 @@ def _fly_drone(rng: Rng, robot: Robot) -> Control:
     return command
 
 
-def _compute_moments(lean: np.ndarray, data: Any) -> tuple[float, float, float]:
+def _compute_moments(
+    lean: np.ndarray, data: mujoco.MjData
+) -> tuple[float, float, float]:
     """Moments [N m] that turn the body to a lean [rad] along x and y."""
     flat = np.zeros(9)
     mujoco.mju_quat2Mat(flat, data.qpos[3:7])
@@ -163,7 +165,7 @@ def _push_cart(rng: Rng, robot: Robot) -> Control:
     """Force on a cart: a sine, a square wave, and a pull to the middle."""
     f, p = rng.uniform(0.2, 1.0, 3), rng.uniform(0, 6.3, 3)
 
-    def command(t: float, data: Any) -> np.ndarray:
+    def command(t: float, data: mujoco.MjData) -> np.ndarray:
         wave = 6 * np.sin(TURN * f[0] * t + p[0])
         wave = wave + 3 * np.sign(np.sin(TURN * f[1] * t + p[1]))
         return np.array([wave - 4 * data.qpos[0] - 1 * data.qvel[0]])
@@ -202,9 +204,6 @@ class WrittenRobot:
     """A given model, its sensors and its motion.
 
     Attributes:
-        file: its name in the folder `written`.
-        signals: by name.
-        motion: what commands it.
         seconds: of an episode.
         episodes: of a recording.
         rate: [Hz] of the samples.
