@@ -38,12 +38,14 @@ def list_faults(
         []
         if ended.megabytes < MOST_MEGABYTES
         else [
-            Fault("memory", _find_place(ended.said) or f"over {MOST_MEGABYTES:.0f} MB")
+            Fault(
+                "memory", _find_innermost(ended.said) or f"over {MOST_MEGABYTES:.0f} MB"
+            )
         ]
     )
     if ended.code is None:
         what = "hang" if ended.hung else "crash"
-        return [*found, Fault(what, f"{ended.signal}: {_find_place(ended.said)}")]
+        return [*found, Fault(what, f"{ended.signal}: {_find_innermost(ended.said)}")]
     if "Traceback (most recent call last)" in ended.said:
         found.append(Fault("traceback", _describe_traceback(ended.said)))
     elif ended.code not in codes:
@@ -77,27 +79,25 @@ def _find_message_fault(said: str) -> str:
 def _describe_traceback(said: str) -> str:
     """The last line of a traceback, and the last line of the program in it."""
     parts = said.split("Traceback (most recent call last)")[1:]
-    last = next((p for p in reversed(parts) if _find_place(p)), parts[-1])
+    last = next((p for p in reversed(parts) if _list_places(p)), parts[-1])
     lines = [line for line in last.splitlines()[1:] if line[:1].strip()]
-    place = _find_place(last, last=True)
-    return f"{_shorten(lines[0]) if lines else ''} {f'({place})' if place else ''}"
+    place = "".join(f"({place})" for place in _list_places(last)[-1:])
+    return f"{_shorten(lines[0]) if lines else ''} {place}"
 
 
-def _find_place(said: str, *, last: bool = False) -> str:
-    """The program's own line nearest to a fault, as file:line; "" if none.
-
-    Args:
-        said: a traceback, or the stack that a fatal signal shows, innermost first.
-    """
+def _list_places(said: str) -> list[str]:
+    """The program's own lines in a traceback or a stack, as file:line name."""
     own = []
     for file, line, name in _FRAME.findall(said):
         path = Path(file).resolve()
-        if path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] in (
-            "selfheal",
-            "cli",
-        ):
+        if any(path.is_relative_to(ROOT / top) for top in ("selfheal", "cli")):
             own.append(f"{path.relative_to(ROOT)}:{line} {name}")
-    return (own[-1] if last else own[0]) if own else ""
+    return own
+
+
+def _find_innermost(stack: str) -> str:
+    """The innermost of the program's own lines, which a fatal signal shows first."""
+    return next(iter(_list_places(stack)), "")
 
 
 def _shorten(text: str) -> str:

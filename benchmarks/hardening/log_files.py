@@ -151,8 +151,8 @@ def _write_bags(folder: Path, runs: Sequence[Run]) -> None:
     made.rename(folder / "log.db3")
     (made,) = (folder / "mcap").glob("*.mcap")
     tree = decode_mcap(made.read_bytes())
-    for name, packed in (("log.mcap", False), ("packed.mcap", True)):
-        (folder / name).write_bytes(encode_mcap(tree, packed=packed))
+    for name, packing in (("log.mcap", "NONE"), ("packed.mcap", "ZSTD")):
+        (folder / name).write_bytes(encode_mcap(tree, packing))
     for name in ("bag", "mcap"):
         shutil.rmtree(folder / name)
 
@@ -170,18 +170,17 @@ def decode_mcap(content: bytes) -> dict[str, Any]:
     return {"channels": channels, "messages": messages}
 
 
-def encode_mcap(tree: Any, *, packed: bool = False) -> bytes:
+def encode_mcap(tree: Any, packing: str = "NONE") -> bytes:
     """An MCAP of chunks without checksums, which damage would never get past.
 
     Args:
         tree: of `decode_mcap`; values of other types are left out.
-        packed: whether zstd packs the chunks.
+        packing: of the chunks, "ZSTD" or none.
     """
     from mcap.writer import CompressionType, Writer
 
     buffer, size = io.BytesIO(), 2_000
-    packing = CompressionType.ZSTD if packed else CompressionType.NONE
-    writer = Writer(buffer, size, compression=packing, enable_crcs=False)
+    writer = Writer(buffer, size, CompressionType[packing], enable_crcs=False)
     writer.start("ros2")
     ids = dict[str, int]()
     channels = tree.get("channels")

@@ -4,7 +4,7 @@ Besides whole drives: decays, loops, wrong limits, carried weights, weak motors,
 that are apart, cameras, slow logs, and more of a servo.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -97,12 +97,12 @@ def _place(name: str, target: str, **values: float) -> PlacedEffect:
 # ---------------------------------------------------------------- what is drawn
 
 
-def _draw_log(rng: Rng, robot: Robot, *, feedback: bool = False) -> Log:
-    """How a case is recorded, commands depending on the state or not."""
+def _draw_log(rng: Rng, robot: Robot, rates: Sequence[float] = RATES) -> Log:
+    """How a case is recorded, at one of some rates [Hz]."""
     steps = int(rng.choice([0, 0, 4096, 16384]))
     servo = robot.drive == "servo"
     return Log(
-        rate=float(rng.choice(FAST if feedback else RATES)),
+        rate=float(rng.choice(rates)),
         episodes=5,
         held=2,
         seconds=float(rng.uniform(7, 10)),
@@ -204,7 +204,7 @@ def _draft_stated(rng: Rng, joints: int, style: str) -> Draft:
     """A robot whose model states its drives; at first nothing is hidden."""
     robot, feedback = draw_chain(rng, joints, style), style == "motor" and joints > 1
     hidden, masses = draw_drives(rng, robot, PLAIN)
-    log = _draw_log(rng, robot, feedback=feedback)
+    log = _draw_log(rng, robot, FAST if feedback else RATES)
     return Draft(robot, hidden, list(hidden), log, feedback, masses)
 
 
@@ -215,7 +215,7 @@ def draft_everything(rng: Rng, seed: int) -> Draft:
     feedback = not servo and (joints > 2 or bool(rng.random() < 0.3))
     robot = draw_chain(rng, joints, "servo" if servo else "motor")
     hidden, masses = draw_drives(rng, robot)
-    log = _draw_log(rng, robot, feedback=feedback)
+    log = _draw_log(rng, robot, FAST if feedback else RATES)
     return Draft(robot, hidden, [], log, feedback, masses)
 
 

@@ -50,8 +50,8 @@ def _list_sensors(robot: Robot, log: Log) -> dict[str, Sensor]:
             sensors[name] = replace(sensors[name], step=step)
         if log.torque or log.repeats:
             noise = 0.0 if log.repeats else log.torque * torque
-            measured = measure_torque(robot, joint, noise, repeats=log.repeats)
-            sensors[f"{joint}_torque"] = measured
+            measured = measure_torque(robot, joint, noise)
+            sensors[f"{joint}_torque"] = replace(measured, repeats=log.repeats)
         found |= sensors
     return found
 

@@ -56,12 +56,10 @@ def measure_joints(
     return found
 
 
-def measure_torque(
-    robot: Robot, joint: str, noise: float, *, repeats: bool = False
-) -> Sensor:
+def measure_torque(robot: Robot, joint: str, noise: float) -> Sensor:
     """The torque of what moves a joint, with noise [N m or N]."""
     unit = "N" if robot.is_slide(joint) else "N m"
-    return Sensor("joint_torque", robot.find_actuator(joint), unit, noise, 0.0, repeats)
+    return Sensor("joint_torque", robot.find_actuator(joint), unit, noise)
 
 
 def measure_pose(body: str, place: float, turn: float) -> dict[str, Sensor]:

@@ -66,6 +66,38 @@ def judge(
     return bool(right), located, [f for f in faults if f not in located]
 
 
+@dataclass(frozen=True)
+class _Log:
+    """A clean recording and its model."""
+
+    recording: Recording
+    model: mujoco.MjModel
+
+    @property
+    def first(self) -> Episode:
+        """The first episode."""
+        return next(iter(self.recording.episodes.values()))
+
+    @property
+    def seconds(self) -> list[float]:
+        """How long each episode is [s]."""
+        return [float(np.ptp(e.time)) for e in self.recording.episodes.values()]
+
+    def inject(
+        self, name: str, kind: str, columns: Iterable[str], change: Change
+    ) -> Injection:
+        """The recording with changed columns, all of them at fault."""
+        changed = change_columns(self.recording, frozenset(columns), change)
+        return Injection(name, (kind,), frozenset(columns), changed, self.model)
+
+    def inject_episodes(
+        self, name: str, kind: str, change: Callable[[Episode], Episode]
+    ) -> Injection:
+        """The recording with changed episodes."""
+        changed = edit_episodes(self.recording, change)
+        return Injection(name, (kind,), frozenset(), changed, self.model)
+
+
 def inject_faults(
     recording: Recording, model: mujoco.MjModel, rng: np.random.Generator
 ) -> Iterator[Injection]:
@@ -74,143 +106,116 @@ def inject_faults(
     A late column is only made where another one shows it: its velocity, or the command
     of a servo. Joints that are exchanged move differently.
     """
-    every = list_joints(recording, model).values()
+    log, every = _Log(recording, model), list_joints(recording, model).values()
     joints = [j for j in every if j.position and _moves(recording, j.position)]
-
-    def inject(
-        name: str, kind: str, columns: Iterable[str], change: Change
-    ) -> Injection:
-        changed = change_columns(recording, frozenset(columns), change)
-        return Injection(name, (kind,), frozenset(columns), changed, model)
-
     if joints:
         joint = joints[rng.integers(len(joints))]
-        yield from _inject_joint(joint, inject)
+        yield from _inject_joint(log, joint)
         samples = int(rng.integers(*HOLDS))
         if len(recording.episodes) >= ODD_AMONG:
-            yield from _inject_episode(recording, model, joint, rng)
-        yield inject(
-            "repeated",
-            "stale",
-            joint.columns,
-            lambda t, x: x[np.arange(len(x)) // samples * samples],
-        )
-        yield from _inject_range(recording, model, joint)
-    first = next(iter(recording.episodes.values())).signals
-    exchanges = list[tuple[str, dict[str, str]]]()
+            odd = str(rng.choice(list(recording.episodes)))
+            yield from _inject_episode(log, joint, odd)
+        hold = partial(_hold, samples)
+        yield log.inject("repeated", "stale", joint.columns, hold)
+        yield from _inject_range(log, joint)
+    exchanges = dict[str, dict[str, str]]()
     if len(joints) > 1:
         one, other = (joints[i] for i in rng.permutation(len(joints))[:2])
-        columns = dict(zip(one.columns, other.columns, strict=True))
-        exchanges.append(("exchange", columns))
-    torques = [n for n, s in first.items() if s.kind == "joint_torque"]
+        exchanges["exchange"] = dict(zip(one.columns, other.columns, strict=True))
+    kinds = {n: s.kind for n, s in log.first.signals.items()}
+    torques = [n for n, kind in kinds.items() if kind == "joint_torque"]
     if len(torques) > 1:
-        exchanges.append(("exchanged torques", {torques[0]: torques[1]}))
-    for name, columns in exchanges:
+        exchanges["exchanged torques"] = {torques[0]: torques[1]}
+    for name, columns in exchanges.items():
         both = columns | {b: a for a, b in columns.items()}
         exchanged = exchange_columns(recording, both)
         yield Injection(name, ("exchange",), frozenset(both), exchanged, model)
-    for name, signal in first.items():
-        if signal.kind == "body_orientation":
-            yield inject(
-                "order", "quaternion_order", [name], lambda t, x: np.roll(x, -1, axis=1)
-            )
-    yield from _inject_times(recording, model)
-    yield from _inject_drift(recording, model)
+    for name in (n for n, kind in kinds.items() if kind == "body_orientation"):
+        yield log.inject("order", "quaternion_order", [name], _roll)
+    if min(log.seconds) > 2:
+        yield log.inject_episodes("gap", "gap", _tear)
+        yield log.inject_episodes("duplicates", "duplicate", _repeat)
+    if sum(log.seconds) > SHORT:
+        yield from _inject_drift(log, list(every))
 
 
-def _inject_joint(
-    joint: JointColumns, inject: Callable[..., Injection]
-) -> Iterator[Injection]:
+def _inject_joint(log: _Log, joint: JointColumns) -> Iterator[Injection]:
     """Faults of one joint's columns in all episodes."""
-    velocity = [("sign of a velocity", "velocity in degrees", [joint.velocity])]
-    for sign, degrees, columns in (
-        ("sign", "degrees", joint.columns),
-        *velocity[: bool(joint.velocity)],
-    ):
-        yield inject(sign, "sign", columns, lambda t, x: -x)
-        yield inject(degrees, "unit", columns, lambda t, x: DEGREES * x)
-    yield inject("frozen", "frozen", [joint.position], lambda t, x: 0 * x + x[0])
+    both, speed = joint.columns, [joint.velocity]
+    yield log.inject("sign", "sign", both, _negate)
+    yield log.inject("degrees", "unit", both, _write_degrees)
+    if joint.velocity:
+        yield log.inject("sign of a velocity", "sign", speed, _negate)
+        yield log.inject("velocity in degrees", "unit", speed, _write_degrees)
+    position = [joint.position]
+    yield log.inject("frozen", "frozen", position, lambda t, x: 0 * x + x[0])
     if joint.velocity or joint.servo:
         late = LATE_VELOCITY if joint.velocity else LATE_COMMAND
-        delayed = inject("late", "delay", [joint.position], partial(_delay, late))
-        yield replace(delayed, columns=frozenset(joint.columns))
+        delayed = log.inject(
+            "late", "delay", position, lambda t, x: _resample(t, t - late, x)
+        )
+        yield replace(delayed, columns=frozenset(both))
 
 
-def _inject_episode(
-    recording: Recording,
-    model: mujoco.MjModel,
-    joint: JointColumns,
-    rng: np.random.Generator,
-) -> Iterator[Injection]:
+def _inject_episode(log: _Log, joint: JointColumns, odd: str) -> Iterator[Injection]:
     """One episode in which a joint's columns have another sign, unit or zero."""
-    odd = str(rng.choice(list(recording.episodes)))
-    both, position = frozenset(joint.columns), frozenset([joint.position])
-    readings = recording.episodes[odd].signals[joint.position].values
-    spread = float(np.nanstd(readings))
-    for name, columns, factor, zero in (
-        ("sign in one episode", both, -1.0, 0.0),
-        ("degrees in one episode", both, DEGREES, 0.0),
-        ("zero in one episode", position, 1.0, ODD_ZERO * spread),
-    ):
-        if zero and not joint.servo:
-            continue  # nothing shows the zero of a cart or a wheel
-        change = partial(_rescale, factor=factor, zero=zero)
-        changed = _change(recording.episodes[odd], columns, change)
-        wrong = replace(recording, episodes={**recording.episodes, odd: changed})
-        yield Injection(name, ("odd_episode",), frozenset([odd]), wrong, model)
+    episode, position = log.recording.episodes[odd], [joint.position]
+    zero = ODD_ZERO * float(np.nanstd(episode.signals[joint.position].values))
+    changes: dict[str, tuple[Collection[str], Change]] = {
+        "sign": (joint.columns, _negate),
+        "degrees": (joint.columns, _write_degrees),
+    }
+    if joint.servo:  # nothing shows the zero of a cart or a wheel
+        changes["zero"] = position, lambda t, x: x + zero
+    for name, (columns, change) in changes.items():
+        changed = _change(episode, columns, change)
+        episodes = {**log.recording.episodes, odd: changed}
+        wrong = replace(log.recording, episodes=episodes)
+        names = f"{name} in one episode", ("odd_episode",), frozenset([odd])
+        yield Injection(*names, wrong, log.model)
 
 
-def _inject_range(
-    recording: Recording, model: mujoco.MjModel, joint: JointColumns
-) -> Iterator[Injection]:
+def _inject_range(log: _Log, joint: JointColumns) -> Iterator[Injection]:
     """Columns in percent of the joint's range, and a range that is too narrow."""
     both, position = frozenset(joint.columns), frozenset([joint.position])
-    limited = _narrow(recording, model, joint, PERCENT_SHARE)
+    limited = _narrow(log, joint, PERCENT_SHARE)
     low, high = limited.jnt_range[joint.number]
-    rescale = partial(_rescale, factor=100 / (high - low))
-    percent = change_columns(recording, both - position, partial(rescale, zero=0.0))
-    zero = -100 * low / (high - low)
-    percent = change_columns(percent, position, partial(rescale, zero=zero))
+    factor, zero = 100 / (high - low), -100 * low / (high - low)
+    percent = change_columns(log.recording, both - position, lambda t, x: factor * x)
+    percent = change_columns(percent, position, lambda t, x: factor * x + zero)
     yield Injection("percent of the range", ("unit",), both, percent, limited)
-    narrow = _narrow(recording, model, joint, RANGE_SHARE)
-    yield Injection("range", ("joint_range",), position, recording, narrow)
+    narrow = _narrow(log, joint, RANGE_SHARE)
+    yield Injection("range", ("joint_range",), position, log.recording, narrow)
 
 
-def _inject_drift(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
+def _inject_drift(log: _Log, joints: list[JointColumns]) -> Iterator[Injection]:
     """A clock that runs slow: of all velocities, or of all readings of servos."""
-    joints = list_joints(recording, model).values()
-    longest = max(float(np.ptp(e.time)) for e in recording.episodes.values())
-    speeds = frozenset(j.velocity for j in joints if j.velocity and j.position)
-    led = frozenset(j.position for j in joints if j.position and j.servo)
-    first = next(iter(recording.episodes.values()))
-    for name, columns, of in (
-        ("drifting velocities", speeds, speeds),
-        ("drifting readings", frozenset(first.signals), led),
-    ):
-        if of and sum(np.ptp(e.time) for e in recording.episodes.values()) > SHORT:
-            change = partial(_stretch, slope=DRIFT / longest)
-            drifting = change_columns(recording, columns, change)
-            yield Injection(name, ("clock_drift",), of, drifting, model)
+    slope = DRIFT / max(log.seconds)
+    speeds = [j.velocity for j in joints if j.velocity and j.position]
+    led = [j.position for j in joints if j.position and j.servo]
+
+    def stretch(t: Values, x: Values) -> Values:
+        return _resample(t, t - slope * (t - t[0]), x)
+
+    if speeds:
+        yield log.inject("drifting velocities", "clock_drift", speeds, stretch)
+    if led:
+        every = log.first.signals
+        drifting = log.inject("drifting readings", "clock_drift", every, stretch)
+        yield replace(drifting, columns=frozenset(led))
 
 
-def _inject_times(recording: Recording, model: mujoco.MjModel) -> Iterator[Injection]:
-    def tear(e: Episode) -> Episode:
-        return select_rows(e, np.abs(e.time - e.time.mean()) > 0.2)
+def _tear(e: Episode) -> Episode:
+    """An episode with a gap in its middle."""
+    return select_rows(e, np.abs(e.time - e.time.mean()) > 0.2)
 
-    def repeat(e: Episode) -> Episode:
-        steps = np.diff(e.time, prepend=e.time[0] - 1)
-        time = e.time.copy()
-        time[5::20] = time[4::20][: len(time[5::20])] + 1e-4 * np.median(steps)
-        return replace(e, time=time)
 
-    if min(e.time[-1] - e.time[0] for e in recording.episodes.values()) > 2:
-        for name, kind, change in (
-            ("gap", "gap", tear),
-            ("duplicates", "duplicate", repeat),
-        ):
-            yield Injection(
-                name, (kind,), frozenset(), edit_episodes(recording, change), model
-            )
+def _repeat(e: Episode) -> Episode:
+    """An episode in which every twentieth time comes again."""
+    steps = np.diff(e.time, prepend=e.time[0] - 1)
+    time = e.time.copy()
+    time[5::20] = time[4::20][: len(time[5::20])] + 1e-4 * np.median(steps)
+    return replace(e, time=time)
 
 
 def change_columns(
@@ -226,11 +231,6 @@ def _change(e: Episode, columns: Collection[str], change: Change) -> Episode:
     return replace(changed, qpos0=None, qvel0=None)
 
 
-def _rescale(time: Values, x: Values, factor: float, zero: float) -> Values:
-    """Readings in another unit, with another zero."""
-    return factor * x + zero
-
-
 def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording:
     """A recording in which each of some columns has the readings of another."""
 
@@ -241,19 +241,39 @@ def exchange_columns(recording: Recording, columns: dict[str, str]) -> Recording
     return edit_episodes(recording, exchange)
 
 
-def _delay(seconds: float, time: Values, x: Values) -> Values:
-    known = np.isfinite(x)
-    late = np.interp(time - seconds, time[known], x[known])
-    return np.where(known, late, np.nan)
+def _negate(time: Values, x: Values) -> Values:
+    return -x
 
 
-def _narrow(
-    recording: Recording, model: mujoco.MjModel, joint: JointColumns, share: float
-) -> mujoco.MjModel:
+def _write_degrees(time: Values, x: Values) -> Values:
+    return DEGREES * x
+
+
+def _roll(time: Values, x: Values) -> Values:
+    return np.roll(x, -1, axis=1)
+
+
+def _hold(samples: int, time: Values, x: Values) -> Values:
+    """Readings of which each is repeated so often."""
+    return x[np.arange(len(x)) // samples * samples]
+
+
+def _resample(time: Values, late: Values, x: Values) -> Values:
+    """Readings (T, ...) as they were at other times (T) [s]; gaps stay."""
+    columns = x.reshape(len(time), -1)
+    out = np.full(columns.shape, np.nan)
+    for c, column in enumerate(columns.T):
+        known = np.isfinite(column)
+        if known.any():
+            out[:, c] = np.interp(late, time[known], column[known])
+    return np.where(np.isfinite(columns), out, np.nan).reshape(x.shape)
+
+
+def _narrow(log: _Log, joint: JointColumns, share: float) -> mujoco.MjModel:
     """The model with a range of which the readings take a share, or leave it."""
-    x = join_readings(recording, joint.position)
+    x = join_readings(log.recording, joint.position)
     low, high = np.nanquantile(x, [0.01, 0.99])
-    narrowed = copy.copy(model)
+    narrowed = copy.copy(log.model)
     narrowed.jnt_limited[joint.number] = 1
     start = low - max(share - 1, 0) / 2 * (high - low)
     narrowed.jnt_range[joint.number] = start, start + share * (high - low)
@@ -262,15 +282,3 @@ def _narrow(
 
 def _moves(recording: Recording, name: str) -> bool:
     return bool(np.nanstd(join_readings(recording, name)) > 0.05)
-
-
-def _stretch(time: Values, x: Values, slope: float) -> Values:
-    """Readings (T, ...) that come later by `slope` each second."""
-    late = time - slope * (time - time[0])
-    columns = x.reshape(len(time), -1)
-    out = np.full(columns.shape, np.nan)
-    for c, column in enumerate(columns.T):
-        known = np.isfinite(column)
-        if known.any():
-            out[:, c] = np.interp(late, time[known], column[known])
-    return np.where(np.isfinite(columns), out, np.nan).reshape(x.shape)

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from benchmarks.diagnosis_runs import (
     score_diagnosis,
 )
 from benchmarks.hidden.case import save_case
-from benchmarks.hidden.drafts import KINDS
 from benchmarks.hidden.drives import make_case as make_drives
 from benchmarks.hidden.judge import drives
 from benchmarks.hidden.judge.drives import judge_verdict
@@ -30,6 +28,7 @@ from benchmarks.replay_error import average_commands
 from benchmarks.writer import render_page
 from selfheal.recording import check_against_model, read, read_names
 from tests.support.paths import ROOT
+from tests.support.short_drives import shorten_drives
 
 pytestmark = pytest.mark.slow
 
@@ -46,51 +45,37 @@ def folders(case, tmp_path):
     return cases, keys
 
 
-def test_test_is_valid_and_states_where_it_starts(case, folders):
-    cases, keys = folders
-    recording = read(keys / case.name / "test.h5")
-    check_against_model(recording, read_names(cases / case.name / "model.xml"))
-    assert all(e.qpos0 is not None for e in recording.episodes.values())
-
-
 def test_key_is_not_with_the_case(folders, case):
-    cases, _ = folders
-    assert {p.name for p in cases.rglob("*") if p.is_file()} == {
-        "model.xml",
-        "recording.h5",
-    }
+    cases, keys = folders
+    given = {p.name for p in cases.rglob("*") if p.is_file()}
+    assert given == {"model.xml", "recording.h5"}
+    test = read(keys / case.name / "test.h5")
+    check_against_model(test, read_names(cases / case.name / "model.xml"))
+    assert all(e.qpos0 is not None for e in test.episodes.values())
     text = (cases / case.name / "model.xml").read_text()
     assert "coulomb" not in text and "single" not in case.name
 
 
-def test_effect_matters(case):
+def test_effect_matters_and_the_given_model_is_not_the_truth(case):
     effect = case.key["effects"][0]
     assert 3 <= effect["after_refit"] <= 30
     assert case.key["test"]["stated"] > case.key["test"]["floor"]
+    assert case.robot.model.opt.timestep > case.key["fine_step"]
+    errors = case.key["parameter_errors"]
+    assert errors and all(abs(e) <= 0.6 * 0.3 for e in errors.values())
 
 
 def _perfect(key):
-    return {
-        "verdict": "explained",
-        "findings": [
-            {
-                "effect": e["effect"],
-                "target": e["target"],
-                "equivalent": [],
-                "parameters": [
-                    {
-                        "name": p["name"],
-                        "value": p["value"],
-                        "low": p["value"] - 0.1 * abs(p["value"]),
-                        "high": p["value"] + 0.1 * abs(p["value"]),
-                    }
-                    for p in e["parameters"]
-                ],
-            }
-            for e in key["effects"]
-        ],
-        "fit": {"explainable_removed": 1.0},
-    }
+    def state(parameter):
+        value, near = parameter["value"], 0.1 * abs(parameter["value"])
+        return {**parameter, "low": value - near, "high": value + near}
+
+    findings = [
+        {**e, "equivalent": [], "parameters": [state(p) for p in e["parameters"]]}
+        for e in key["effects"]
+    ]
+    fit = {"explainable_removed": 1.0}
+    return {"verdict": "explained", "findings": findings, "fit": fit}
 
 
 def _diagnosed(folders, name, diagnosis):
@@ -192,13 +177,6 @@ def test_crash_is_recorded(folders, case):
     assert len(find_undiagnosed(folders[0])) == 1
 
 
-def test_given_models_load_and_are_not_the_truth(case):
-    model = case.robot.model
-    assert model.opt.timestep > case.key["fine_step"]
-    errors = case.key["parameter_errors"]
-    assert errors and all(abs(e) <= 0.6 * 0.3 for e in errors.values())
-
-
 def test_names_are_right_at_their_place_only(folders, case):
     places = read_places(folders[0] / case.name)
     names = ["coulomb_friction", "stribeck_friction"]
@@ -220,14 +198,7 @@ def test_a_verdict_agrees_with_the_errors_at_every_horizon():
 
 
 def test_the_plain_fit_helps_and_the_truth_helps_more(tmp_path, monkeypatch):
-    draft = KINDS["everything"]
-
-    def shorten(rng, seed):
-        whole = draft(rng, seed)
-        log = replace(whole.log, seconds=4.0, episodes=1, held=1)
-        return replace(whole, log=log)
-
-    monkeypatch.setitem(KINDS, "everything", shorten)
+    shorten_drives(monkeypatch, "everything", 4.0)
     case = make_drives("everything", 7)
     save_case(case, tmp_path / "cases", tmp_path / "keys")
     judged = drives.read_case(tmp_path / "cases" / case.name, tmp_path / "keys")
