@@ -4,7 +4,7 @@
 
 Each set is diagnosed in DIR/NAME by a process of its own; what is there already is not
 done again. `test.h5`, its samples taken out, is replayed and scored as the contract
-says (section 2); makes docs/results/devices.md of all that DIR holds.
+says (section 2); makes docs/results/diagnose.md of all that DIR holds.
 """
 
 import json

@@ -1,9 +1,10 @@
-"""The one writer of all benchmarks: figures in, dated JSON and a Markdown page out."""
+"""The one writer of all benchmarks: figures in, dated JSON and Markdown out."""
 
 import argparse
 import json
 import os
 import platform
+import re
 import shlex
 import sys
 import time
@@ -21,6 +22,14 @@ from selfheal.study.statistics import format_share
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
+# which page of docs/results a benchmark has a part of, where it is not called so
+PAGES = {
+    **dict.fromkeys(("sealed", "drives", "others", "devices"), "diagnose"),
+    **dict.fromkeys(("telemetry", "short-logs", "hardening"), "logs"),
+    **dict.fromkeys(("throughput", "accuracy"), "performance"),
+    "diagnose-time": "diagnose",
+    "dynamics": "identify",
+}
 _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
 
 
@@ -118,8 +127,24 @@ def render_page(template: Path, figures: Mapping[str, object], machine: str) -> 
     environment.globals |= {"table": format_table, "share": format_share}
     page = environment.from_string(template.read_text()).render(figures)
     title, _, rest = page.partition("\n")
-    head = f"    {describe_command()}\n\n{date.today().isoformat()}, on {machine}."
-    return f"{title}\n\n{head}\n{rest}"
+    return f"{title}\n\n    {describe_command()}\n\nOn {machine}.\n{rest}"
+
+
+def insert_part(page: str, name: str, part: str) -> str:
+    """A page with a part in the place of its earlier version, or at the end.
+
+    Args:
+        page: Markdown.
+        name: of the part.
+        part: Markdown with a title, which becomes a heading of the second level.
+    """
+    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
+    lower = re.sub("^#", "##", part, flags=re.MULTILINE).strip()
+    before, found, rest = page.partition(begin)
+    after = rest.partition(end)[2] if found else "\n"
+    if not found:
+        before = f"{page.rstrip()}\n\n"
+    return f"{before}{begin}\n\n{lower}\n\n{end}{after}"
 
 
 def publish_page(
@@ -135,9 +160,12 @@ def publish_page(
     text = render_page(template, figures, machine)
     head = {"date": today, "command": describe_command(), "machine": machine}
     data = json.dumps({**head, **figures}, indent=1, default=str) + "\n"
+    subject = PAGES.get(name, name.partition("-")[0])
+    page = root / "docs" / "results" / f"{subject}.md"
+    before = page.read_text() if page.is_file() else f"# {subject}\n"
     for file, content in (
         (root / "benchmarks" / "results" / f"{name}-{today}.json", data),
-        (root / "docs" / "results" / f"{name}.md", text),
+        (page, insert_part(before, name, text)),
     ):
         file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(file) as path:

@@ -122,6 +122,6 @@ def run(diagnoses: int) -> dict[str, Any]:
 
 
 def publish_short_logs(root: Path, count: int) -> None:
-    """Check all short logs, and write docs/results/short-logs.md."""
+    """Check all short logs, and write docs/results/logs.md."""
     page = Path(__file__).with_name("short_logs.md")
     publish_page(root, "short-logs", page, run(count))

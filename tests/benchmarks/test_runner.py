@@ -47,11 +47,16 @@ def test_a_page_has_its_command_and_every_figure(tmp_path, monkeypatch):
     monkeypatch.setattr(writer.sys, "argv", ["x", "--root", "here", "page"])
     template = tmp_path / "page.md"
     template.write_text("# {{ name }}\n\n{{ table(('a', 'b'), rows) }}\n")
-    publish_page(tmp_path, "p", template, {"name": "Title", "rows": [(1, 2)]})
-    title, command, *_ = (tmp_path / "docs/results/p.md").read_text().split("\n\n")
-    assert title == "# Title" and command.endswith(" page")
-    assert "| 1 | 2 |" in (tmp_path / "docs/results/p.md").read_text()
-    assert len(list((tmp_path / "benchmarks/results").glob("p-*.json"))) == 1
+    for value in (3, 2):  # a part that is there already is replaced
+        figures = {"name": "Title", "rows": [(1, value)]}
+        publish_page(tmp_path, "p-first", template, figures)
+        publish_page(tmp_path, "p-second", template, figures)
+    page = (tmp_path / "docs/results/p.md").read_text()
+    title, _, part, command, *_ = page.split("\n\n")
+    assert title == "# p" and part == "## Title" and command.endswith(" page")
+    assert page.count("| 1 | 2 |") == 2 and "| 1 | 3 |" not in page
+    assert page.index("end p-first") < page.index("begin p-second")
+    assert len(list((tmp_path / "benchmarks/results").glob("p-*.json"))) == 2
     with pytest.raises(jinja2.UndefinedError):
         publish_page(tmp_path, "p", template, {"name": "Title"})
 
