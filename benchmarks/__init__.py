@@ -1,1 +1,1 @@
-"""Measurements of selfheal: each command writes JSON and a part of a page of docs/results."""
+"""Measurements of selfheal: each command writes JSON and a part of docs/results."""
