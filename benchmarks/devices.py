@@ -38,7 +38,7 @@ class Device:
     model: str
     train: str
     test: str
-    asked: float
+    target: float
     other: str = ""
     raised: bool = False
 
@@ -110,7 +110,7 @@ def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, 
         named.append(f"{f['effect']} {f['target']} ({', '.join(numbers)})")
     return {
         "device": name,
-        "asked": DEVICES[name].asked,
+        "target": DEVICES[name].target,
         "reached": reached,
         "verdict": said["verdict"],
         "named": named,

@@ -113,11 +113,11 @@ def run(diagnoses: int) -> dict[str, Any]:
             acts.append(("diagnose", int(i), answer))
         for what, i, act in acts:
             name, case, _ = cases[i]
-            told = attempt(act)
-            is_fault = told not in ("answered", "refused")
-            outcomes[name][f"{what} {'fault' if is_fault else told}"] += 1
+            outcome = attempt(act)
+            is_fault = outcome not in ("answered", "refused")
+            outcomes[name][f"{what} {'fault' if is_fault else outcome}"] += 1
             if is_fault:
-                faults.append(f"{what} {case}: {told}")
+                faults.append(f"{what} {case}: {outcome}")
     return {"outcomes": outcomes, "faults": faults}
 
 

@@ -38,8 +38,8 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     loss_of = make_capped_loss(run.anatomy)
     apart = np.abs(tables[0] - tables[1]).max(axis=0) * loss_of.weight
     tried = [cycle.action for cycle in run.cycles]
-    felt = np.array([cycle.felt for cycle in run.cycles])
-    loss, truth_loss = (float(loss_of(t[tried], felt).sum()) for t in tables)
+    measured = np.array([cycle.felt for cycle in run.cycles])
+    loss, truth_loss = (float(loss_of(t[tried], measured).sum()) for t in tables)
     right = best.parent[0] == truth.parent[0]
     axes = (best.axis * truth.axis).sum(axis=2)[0] > _SAME_AXIS
     return {

@@ -28,7 +28,7 @@ STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are fi
 NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
 OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
 LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
-ASKED = {"chain 1": "30 s", "chain 7": "60 s", "load 7": "240 s"}
+TARGETS = {"chain 1": "30 s", "chain 7": "60 s", "load 7": "240 s"}
 SHAPES = {"chain": 1000, "tree": 3, "load": 1000}  # joints of a leg, at most
 KINDS = {
     "chain": "Chains",
@@ -186,7 +186,7 @@ def main() -> None:
         for shape in options.shapes
     }
     growth = {shape: describe_growth(rows) for shape, rows in tables.items()}
-    figures = {"tables": tables, "kinds": KINDS, "asked": ASKED, "growth": growth}
+    figures = {"tables": tables, "kinds": KINDS, "targets": TARGETS, "growth": growth}
     page = Path(__file__).with_name("diagnose_time.md")
     publish_page(options.root, "diagnose-time", page, figures)
 

@@ -1,4 +1,4 @@
-"""How often a listed damage is told as unlisted: a seed in, two tests of it out."""
+"""How often a listed damage is taken for unlisted: a seed in, two tests of it out."""
 
 from functools import partial
 from typing import Any

@@ -91,8 +91,8 @@ def _summarize_run(run: RecoverRun) -> Record:
     settings, result = run.settings, run.result
     kept = {k: getattr(settings, k) for k in ("robot", "scenario", "seed", "method")}
     kept["named"] = is_damage_named(run)
-    told = ("damage", "verdict", "hypotheses", "actions", "distance")
-    kept |= {k: result[k] for k in told}
+    names = ("damage", "verdict", "hypotheses", "actions", "distance")
+    kept |= {k: result[k] for k in names}
     kept["walked"] = [trial["walked"] for trial in result["trials"]]
     return kept
 
@@ -127,14 +127,14 @@ def _time_evaluations(name: str, seed: int) -> Record:
     )
 
     def search() -> None:
-        def score(asked: np.ndarray) -> np.ndarray:
+        def score(weights: np.ndarray) -> np.ndarray:
             return simulate_controllers(
-                build_intact_plants(robot, len(asked)), asked
+                build_intact_plants(robot, len(weights)), weights
             ).displacement
 
         pool = start_population(robot.synapses, score, rng)
         *_, pool = evolve_population(pool, score, rng, GENERATIONS - 1)
-        spent["asked"] = pool.evaluations
+        spent["evaluations"] = pool.evaluations
 
     new = POPULATION - KEPT
     timed("search", POPULATION + (GENERATIONS - 1) * new, search)
