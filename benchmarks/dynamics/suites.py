@@ -86,7 +86,7 @@ def _read_plant(body: Bodies, document: Mapping[str, Any]) -> Plant:
 
 def _compare_walks(
     robot: SimulatedRobot, seed: int, body: Bodies, plant: Plant, room: Path
-) -> dict[str, Any]:
+) -> Record:
     """How a gait walks, and how far models say; joints' errors over its ten seconds."""
     rated = build_rated_plant(body)
     (gait,) = synthesize_gaits([rated], seed=seed)
@@ -94,7 +94,7 @@ def _compare_walks(
     walked = robot.move(commands, trial=TRIAL).episodes["move"]
     end = walked.signals["torso_position"].values[-1]
     real = float(project_on_heading(end, gait.heading)[0])
-    out: dict[str, Any] = {"walked": real, "present": gait.predicted}
+    out: Record = {"walked": real, "present": gait.predicted}
     for name, each in (("rated", rated), ("found", plant)):
         walks = walk_gait([each], gait, _WALK)
         way = project_on_heading(walks.position[0, -1], gait.heading)[0]

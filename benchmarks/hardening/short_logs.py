@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.recordings import edit_values, select_rows
+from benchmarks.suites import Record
 from benchmarks.writer import publish_page
 from selfheal.recording import Episode, Recording
 from tests.support.recorded_robots import ROBOTS, record
@@ -88,7 +89,7 @@ def attempt(act: Callable[[], Any]) -> str:
     return "answered"
 
 
-def run(diagnoses: int) -> dict[str, Any]:
+def run(diagnoses: int) -> Record:
     """Outcomes of checks and diagnoses by robot, and every fault."""
     from selfheal.api import diagnose
     from selfheal.telemetry import check_telemetry

@@ -15,11 +15,11 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from benchmarks.suites import Record
 from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Episode, Recording, Signal, write
 
@@ -132,7 +132,7 @@ def time_plain_mujoco(model: mujoco.MjModel, seconds: float) -> float:
     return time.perf_counter() - start
 
 
-def run_command(room: Path) -> dict[str, Any]:
+def run_command(room: Path) -> Record:
     """Diagnose model.xml and recording.h5 of a folder: time, memory and findings."""
     words = ["selfheal", "diagnose", "model.xml", "recording.h5", "--out", "d"]
     start = time.perf_counter()
@@ -151,7 +151,7 @@ def run_command(room: Path) -> dict[str, Any]:
     }
 
 
-def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
+def measure_diagnosis(joints: int, shape: str, seed: int) -> Record:
     """Time, memory and findings of one diagnosis by the command."""
     model = write_arm(joints, SHAPES[shape])
     with tempfile.TemporaryDirectory() as folder:
@@ -164,7 +164,7 @@ def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
     return {"joints": joints, "shape": shape, "plain": plain, **run}
 
 
-def describe_growth(rows: list[dict[str, Any]]) -> str:
+def describe_growth(rows: list[Record]) -> str:
     """The exponent of time in the number of joints, by least squares of logarithms."""
     rows = [r for r in rows if r["joints"] >= GROWS_FROM]
     if len(rows) < 3:

@@ -109,7 +109,7 @@ def _time_evaluations(name: str, seed: int) -> Record:
     """CPU and wall seconds of an evaluation, each way."""
     robot, rng = load_legged_robot(name), np.random.default_rng(seed)
     genomes = draw_values(100, robot.synapses, rng)
-    spent: dict[str, Any] = {"robot": name, "cores": count_cores()}
+    spent: Record = {"robot": name, "cores": count_cores()}
 
     def timed(what: str, count: int, play: Callable[[], Any]) -> None:
         wall, cpu = time.perf_counter(), time.process_time()
