@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 import platform
+import re
 import shlex
 import sys
 import time
@@ -118,14 +119,29 @@ def render_page(template: Path, figures: Mapping[str, object], machine: str) -> 
     environment.globals |= {"table": format_table, "share": format_share}
     page = environment.from_string(template.read_text()).render(figures)
     title, _, rest = page.partition("\n")
-    head = f"    {describe_command()}\n\n{date.today().isoformat()}, on {machine}."
-    return f"{title}\n\n{head}\n{rest}"
+    return f"{title}\n\n    {describe_command()}\n\nOn {machine}.\n{rest}"
+
+
+def place_part(folder: Path, name: str, part: str) -> tuple[Path, str]:
+    """The page that has a place for a part, with that part; else a page of its own.
+
+    A place is between `<!-- begin NAME -->` and `<!-- end NAME -->`; headings of a part
+    are a level lower.
+    """
+    begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->\n"
+    for page in sorted(folder.glob("*.md")):
+        before, found, rest = page.read_text().partition(begin)
+        if found:
+            lower = re.sub(r"^#", "##", part, flags=re.M)
+            after = rest.partition(end)[2]
+            return page, f"{before}{begin}\n{lower}\n{end}{after}"
+    return folder / f"{name}.md", part
 
 
 def publish_page(
     root: Path, name: str, template: Path, figures: Mapping[str, object]
 ) -> None:
-    """Write ROOT/benchmarks/results/NAME-DATE.json and ROOT/docs/results/NAME.md.
+    """Write ROOT/benchmarks/results/NAME-DATE.json and a part of ROOT/docs/results.
 
     Args:
         figures: by their names in the template; what JSON does not know is left out of
@@ -135,9 +151,10 @@ def publish_page(
     text = render_page(template, figures, machine)
     head = {"date": today, "command": describe_command(), "machine": machine}
     data = json.dumps({**head, **figures}, indent=1, default=str) + "\n"
+    docs = root / "docs" / "results"
     for file, content in (
         (root / "benchmarks" / "results" / f"{name}-{today}.json", data),
-        (root / "docs" / "results" / f"{name}.md", text),
+        place_part(docs, name, text),
     ):
         file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(file) as path:

@@ -2,7 +2,7 @@
 
 from ..body.body import Floats, Ints
 
-# Fitted to 68 simulated runs, no real reading among them (docs/results/sureness.md):
+# Fitted to 68 simulated runs, no real reading among them (docs/results/identify.md):
 # the chance that the right body was not found, when its tree is new, and how often an
 # attachment of a body that is not the right one is right all the same.
 _MISSED_PROBABILITY, _RIGHT_BY_CHANCE = 0.25, 0.8

@@ -35,7 +35,7 @@ from .trees import (
     make_correlation_table,
 )
 
-CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify-few-actions.md
+CYCLES, BUDGET = 8, 80_000  # those of docs/results/identify.md
 # the batch of 2006 asks the same as its other baseline: random actions, no score
 _METHODS = tuple(method for method in METHODS if method != "random-batch")
 

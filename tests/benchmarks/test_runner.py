@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import suites, writer
 from benchmarks.suites import complete_suite, read_records
-from benchmarks.writer import format_fixed, format_hits, publish_page
+from benchmarks.writer import format_fixed, format_hits, place_part, publish_page
 
 
 @pytest.fixture
@@ -54,6 +54,15 @@ def test_a_page_has_its_command_and_every_figure(tmp_path, monkeypatch):
     assert len(list((tmp_path / "benchmarks/results").glob("p-*.json"))) == 1
     with pytest.raises(jinja2.UndefinedError):
         publish_page(tmp_path, "p", template, {"name": "Title"})
+
+
+def test_a_part_of_a_page_is_written_anew_in_its_place(tmp_path):
+    page = tmp_path / "all.md"
+    page.write_text("# All\n\n<!-- begin p -->\n\nold\n\n<!-- end p -->\n\n## Rest\n")
+    found, text = place_part(tmp_path, "p", "# New\n\n## Figures\n")
+    place = "<!-- begin p -->\n\n## New\n\n### Figures\n\n<!-- end p -->\n"
+    assert (found, text) == (page, f"# All\n\n{place}\n## Rest\n")
+    assert place_part(tmp_path, "q", "# Own\n") == (tmp_path / "q.md", "# Own\n")
 
 
 def test_numbers_are_written_the_same_on_all_pages():

@@ -8,7 +8,7 @@ import pytest
 from tests.support.paths import DOCS, ROOT
 
 PAGES = sorted(p.relative_to(ROOT).as_posix() for p in DOCS.rglob("*.md"))
-LONGEST = {"decisions.md": 80, "how-diagnose-works.md": 200}  # lines
+LONGEST = {"decisions.md": 40, "how-diagnose-works.md": 100}  # lines
 HASH = re.compile(r"\b(?=[a-f]*\d)(?=\d*[a-f])[0-9a-f]{7,40}\b")
 
 
@@ -82,17 +82,3 @@ def test_the_code_of_a_term_exists():
         path = ROOT / "selfheal" / f"{module.replace('.', '/')}.py"
         assert path.is_file(), f"{term}: {code}"
         assert re.search(rf"^(class|def) {name}\b", path.read_text(), re.M), code
-
-
-def test_the_page_of_tests_tells_of_every_file_that_has_slow_ones():
-    """What is left out of the plain suite is written down."""
-    tests = ROOT / "tests"
-    slow = {
-        path.relative_to(tests).as_posix()
-        for path in tests.rglob("test_*.py")
-        if re.search(r"mark\.slow\b", path.read_text())
-    }
-    page = (DOCS / "results" / "tests.md").read_text()
-    section = page.partition("## What is slow")[2].partition("What went")[0]
-    told = set(re.findall(r"`([\w/]+\.py)`", section))
-    assert {name for name in slow if not name.startswith("benchmarks/")} == told
