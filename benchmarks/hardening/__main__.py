@@ -8,8 +8,8 @@
     python -m benchmarks.hardening page
 
 Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
-out what is there already; `page` makes docs/results/hardening.md of them. `short` has a
-page of its own, docs/results/short-logs.md. With a kind alone, N mutants of that kind
+out what is there already; `page` makes its part of docs/results of them. `short` has a
+part of its own. With a kind alone, N mutants of that kind
 are tried. With a kind and a seed, one mutant is tried again and nothing is kept but
 what --keep names.
 """

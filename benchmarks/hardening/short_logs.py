@@ -123,6 +123,6 @@ def run(diagnoses: int) -> Record:
 
 
 def publish_short_logs(root: Path, count: int) -> None:
-    """Check all short logs, and write docs/results/short-logs.md."""
+    """Check all short logs, and write their part of docs/results."""
     page = Path(__file__).with_name("short_logs.md")
     publish_page(root, "short-logs", page, run(count))

@@ -9,8 +9,8 @@ Suites: `sealed` draws one or two effects, none, or one that the catalogue lacks
 `others` are robots that were written down. `make` simulates robots that differ from the
 model as given; `run` diagnoses each case in a folder that holds its model and its
 recording alone, and goes on where it was interrupted; `score` opens the keys and gives
-its part of docs/results. Sealed seeds below 5000 are for development, those from 5000 on
-for the reported run.
+its part of docs/results. Sealed seeds below 5000 are for development, those from 5000
+on for the reported run.
 """
 
 import argparse

@@ -5,7 +5,7 @@
 Sixty seconds of log of one chain, or of a tree of legs of three joints each. The given
 model lacks dry friction at one joint; of a `load`, which is a model wrong in kind, it
 lacks a mass that swings below the last link of a chain. Makes
-docs/results/diagnose-time.md. Run it on an otherwise idle machine.
+its part of docs/results. Run it on an otherwise idle machine.
 """
 
 import json

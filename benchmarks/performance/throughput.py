@@ -1,6 +1,6 @@
 """Throughput of the engines against `mujoco.rollout` on the same candidates.
 
-Takes random trees of the starfish's parts, gives docs/results/throughput.md. Memory,
+Takes random trees of the starfish's parts, gives its part of docs/results. Memory,
 compile times and batch sizes of compiled engines are measured in fresh processes.
 """
 
