@@ -13,7 +13,6 @@ import sys
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import mujoco
 
@@ -24,6 +23,7 @@ from benchmarks.diagnosis_runs import (
     score_replay,
 )
 from benchmarks.recordings import edit_episodes, select_signals
+from benchmarks.suites import Record
 from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Recording, read, write
 from selfheal.study.diagnose import FOUND
@@ -38,7 +38,7 @@ class Device:
     model: str
     train: str
     test: str
-    asked: float
+    target: float
     other: str = ""
     raised: bool = False
 
@@ -96,7 +96,7 @@ def score_on_test(
     return score_replay(case / FOUND, test, (program, "replay"), *more)
 
 
-def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, Any]:
+def summarize_device(name: str, case: Path, reached: float | None) -> Record:
     """A row of the results: what was found of a device, its score, time and memory.
 
     Args:
@@ -110,7 +110,7 @@ def summarize_device(name: str, case: Path, reached: float | None) -> dict[str, 
         named.append(f"{f['effect']} {f['target']} ({', '.join(numbers)})")
     return {
         "device": name,
-        "asked": DEVICES[name].asked,
+        "target": DEVICES[name].target,
         "reached": reached,
         "verdict": said["verdict"],
         "named": named,

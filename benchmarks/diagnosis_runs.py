@@ -20,6 +20,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from benchmarks.replay_error import compute_score, drop_samples, extract_values
+from benchmarks.suites import Record
 from benchmarks.writer import report_progress
 from selfheal.files import atomic_path
 from selfheal.recording import Recording, read, write
@@ -48,7 +49,7 @@ def find_undiagnosed(folder: Path) -> list[Path]:
     return [c for c in find_cases(folder) if not (c / DOCUMENT).is_file()]
 
 
-def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
+def diagnose_case(case: Path, limits: ProcessLimits) -> Record:
     """Diagnose one case in a process of its own and write run.json, its record."""
     with tempfile.TemporaryDirectory(prefix="sealed-") as room:
         for name in GIVEN:
@@ -63,7 +64,7 @@ def diagnose_case(case: Path, limits: ProcessLimits) -> dict[str, Any]:
     return record
 
 
-def _run_process(room: Path, limits: ProcessLimits) -> dict[str, Any]:
+def _run_process(room: Path, limits: ProcessLimits) -> Record:
     """Start the process, wait for it, kill it when its time is over."""
     words = [*limits.program, *GIVEN, "--out", f"{FOUND}/", "--json"]
     start = time.perf_counter()
@@ -159,7 +160,7 @@ def diagnose_cases(folder: Path, jobs: int, limits: ProcessLimits) -> int:
     for job in range(jobs):
         free.put(frozenset() if jobs == 1 else frozenset({allowed[job % len(allowed)]}))
 
-    def one(case: Path) -> dict[str, Any]:
+    def one(case: Path) -> Record:
         cores = free.get()
         try:
             return diagnose_case(

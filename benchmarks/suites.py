@@ -38,8 +38,8 @@ def complete_suite(name: str, runs: KeyedRuns, jobs: int = 1) -> dict[str, Recor
     Returns:
         The records of the runs, by their keys.
     """
-    asked, done = dict(runs), read_records(name)
-    left = {key: play for key, play in asked.items() if key not in done}
+    wanted, done = dict(runs), read_records(name)
+    left = {key: play for key, play in wanted.items() if key not in done}
     RESULTS.mkdir(parents=True, exist_ok=True)
     begun = time.perf_counter()
     with (RESULTS / f"{name}.jsonl").open("a") as out:
@@ -48,7 +48,7 @@ def complete_suite(name: str, runs: KeyedRuns, jobs: int = 1) -> dict[str, Recor
             out.flush()
             done[key] = record
             report_progress(f"{name} {key}", count, len(left), begun)
-    return {key: done[key] for key in asked}
+    return {key: done[key] for key in wanted}
 
 
 def _play_all(runs: Mapping[str, Run], jobs: int) -> Iterable[tuple[str, Record]]:

@@ -22,14 +22,6 @@ from selfheal.study.statistics import format_share
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 INTACT = ROOT.parent / "shared" / "recordings" / "starfish_2006" / "intact.h5"
-# which page of docs/results a benchmark has a part of, where it is not called so
-PAGES = {
-    **dict.fromkeys(("sealed", "drives", "others", "devices"), "diagnose"),
-    **dict.fromkeys(("telemetry", "short-logs", "hardening"), "logs"),
-    **dict.fromkeys(("throughput", "accuracy"), "performance"),
-    "diagnose-time": "diagnose",
-    "dynamics": "identify",
-}
 _LIBRARIES = ("mujoco", "mujoco-mjx", "jax", "numba", "numpy", "scipy")
 
 
@@ -130,27 +122,26 @@ def render_page(template: Path, figures: Mapping[str, object], machine: str) -> 
     return f"{title}\n\n    {describe_command()}\n\nOn {machine}.\n{rest}"
 
 
-def insert_part(page: str, name: str, part: str) -> str:
-    """A page with a part in the place of its earlier version, or at the end.
+def place_part(folder: Path, name: str, part: str) -> tuple[Path, str]:
+    """The page that has a place for a part, with that part; else a page of its own.
 
-    Args:
-        page: Markdown.
-        name: of the part.
-        part: Markdown with a title, which becomes a heading of the second level.
+    A place is between `<!-- begin NAME -->` and `<!-- end NAME -->`; headings of a part
+    are a level lower.
     """
-    begin, end = f"<!-- begin {name} -->", f"<!-- end {name} -->"
-    lower = re.sub("^#", "##", part, flags=re.MULTILINE).strip()
-    before, found, rest = page.partition(begin)
-    after = rest.partition(end)[2] if found else "\n"
-    if not found:
-        before = f"{page.rstrip()}\n\n"
-    return f"{before}{begin}\n\n{lower}\n\n{end}{after}"
+    begin, end = f"<!-- begin {name} -->\n", f"<!-- end {name} -->\n"
+    for page in sorted(folder.glob("*.md")):
+        before, found, rest = page.read_text().partition(begin)
+        if found:
+            lower = re.sub(r"^#", "##", part, flags=re.M)
+            after = rest.partition(end)[2]
+            return page, f"{before}{begin}\n{lower}\n{end}{after}"
+    return folder / f"{name}.md", part
 
 
 def publish_page(
     root: Path, name: str, template: Path, figures: Mapping[str, object]
 ) -> None:
-    """Write ROOT/benchmarks/results/NAME-DATE.json and ROOT/docs/results/NAME.md.
+    """Write ROOT/benchmarks/results/NAME-DATE.json and a part of ROOT/docs/results.
 
     Args:
         figures: by their names in the template; what JSON does not know is left out of
@@ -160,12 +151,10 @@ def publish_page(
     text = render_page(template, figures, machine)
     head = {"date": today, "command": describe_command(), "machine": machine}
     data = json.dumps({**head, **figures}, indent=1, default=str) + "\n"
-    subject = PAGES.get(name, name.partition("-")[0])
-    page = root / "docs" / "results" / f"{subject}.md"
-    before = page.read_text() if page.is_file() else f"# {subject}\n"
+    docs = root / "docs" / "results"
     for file, content in (
         (root / "benchmarks" / "results" / f"{name}-{today}.json", data),
-        (page, insert_part(before, name, text)),
+        place_part(docs, name, text),
     ):
         file.parent.mkdir(parents=True, exist_ok=True)
         with atomic_path(file) as path:

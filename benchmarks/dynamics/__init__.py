@@ -1,1 +1,1 @@
-"""Dynamics of hidden robots, told from their moves."""
+"""Dynamics of hidden robots, measured from their moves."""

@@ -4,7 +4,7 @@
     python -m benchmarks.dynamics page
 
 A suite appends its records to benchmarks/results/dynamics-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/identify.md of them. Seeds are 6000 and
+what is there already; `page` makes its part of docs/results of them. Seeds are 6000 and
 up; development used seeds below 6000.
 """
 

@@ -46,7 +46,7 @@ def _measure(name: str, seed: int) -> Record:
     assert isinstance(robot, SimulatedRobot)
     with tempfile.TemporaryDirectory() as room:
         run = selfheal.identify(robot, seed=seed, moves=MOVES, out=room, force=True)
-        told = run.result["dynamics"]
+        found = run.result["dynamics"]
         document = json.loads((Path(room) / "dynamics/diagnosis.json").read_text())
         body = build_bodies(run.anatomy, run.cycles[-1].genomes[:1])
         plant = _read_plant(body, document)
@@ -58,8 +58,8 @@ def _measure(name: str, seed: int) -> Record:
     horizons = document["fit"]["horizons"]
     return {
         "exact": bool((body.parent == robot.truth.parent).all()),
-        "held": told["held"],
-        "verdict": told["verdict"],
+        "held": found["held"],
+        "verdict": found["verdict"],
         "horizons": [
             {k: h[k] for k in ("seconds", "given", "refit", "patched", "floor")}
             for h in horizons
@@ -92,7 +92,7 @@ def _read_plant(body: Bodies, document: Mapping[str, Any]) -> Plant:
 
 def _compare_walks(
     robot: SimulatedRobot, seed: int, body: Bodies, plant: Plant, room: Path
-) -> dict[str, Any]:
+) -> Record:
     """How a gait walks, and how far models say; joints' errors over its ten seconds."""
     rated = build_rated_plant(body)
     (gait,) = synthesize_gaits(LikelyPlants([rated]), GaitTask(seed=seed))
@@ -100,16 +100,16 @@ def _compare_walks(
     walked = robot.move(commands, trial=TRIAL).episodes["move"]
     end = walked.signals["torso_position"].values[-1]
     real = float(project_on_heading(end, gait.heading)[0])
-    out: dict[str, Any] = {"walked": real, "present": gait.predicted}
+    out: Record = {"walked": real, "present": gait.predicted}
     for name, each in (("rated", rated), ("found", plant)):
         walks = walk_gait([each], gait, _WALK)
         way = project_on_heading(walks.position[0, -1], gait.heading)[0]
         gap = walks.angles[0] - _read_angles(walked, body)
         out[name] = float(way)
         out[f"{name}_joints"] = float(np.degrees(np.sqrt((gap**2).mean())))
-    asked = _resample(walked, commands, body)
+    inputs = _resample(walked, commands, body)
     for name, folder in (("body", None), ("dynamics", room / "dynamics")):
-        found = _replay(asked, room, folder)
+        found = _replay(inputs, room, folder)
         gap = _read_angles(found, body) - _read_angles(walked, body)
         seen = found.signals["torso_position"].values[-1]
         out[name] = float(project_on_heading(seen, gait.heading)[0])
@@ -127,7 +127,7 @@ def _read_angles(episode: Episode, body: Bodies) -> Floats:
 
 
 def _resample(walked: Episode, commands: Floats, body: Bodies) -> Episode:
-    """The walk with every command, from rest on, and readings that are asked for."""
+    """The walk with every command, from rest on, and readings to be predicted."""
     import mujoco
 
     from selfheal.body.mjcf import build_spec
@@ -147,21 +147,21 @@ def _resample(walked: Episode, commands: Floats, body: Bodies) -> Episode:
     return Episode(time, sent, walked.ctrl_names, signals, qpos, qvel)
 
 
-def _replay(asked: Episode, room: Path, folder: Path | None) -> Episode:
+def _replay(inputs: Episode, room: Path, folder: Path | None) -> Episode:
     """What the best body predicts, with a diagnosis or as it is, at the samples."""
     from selfheal.diagnosis.output.document import format_document
 
     if folder is None:
         folder = room / "nothing"
         folder.mkdir()
-        told = json.loads((room / "dynamics/diagnosis.json").read_text())
-        told |= {"findings": [], "refit": []}
-        (folder / "diagnosis.json").write_text(format_document(told))
-    recording = Recording({"move": asked})
+        document = json.loads((room / "dynamics/diagnosis.json").read_text())
+        document |= {"findings": [], "refit": []}
+        (folder / "diagnosis.json").write_text(format_document(document))
+    recording = Recording({"move": inputs})
     found = replay_recording(folder, recording, model=room / "best.xml").episodes[
         "move"
     ]
-    rows = np.flatnonzero(np.isfinite(next(iter(asked.signals.values())).values))
+    rows = np.flatnonzero(np.isfinite(next(iter(inputs.signals.values())).values))
     return select_rows(found, rows)
 
 

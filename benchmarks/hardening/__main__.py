@@ -8,8 +8,9 @@
     python -m benchmarks.hardening page
 
 Every study appends its records to benchmarks/results/hardening-STUDY.jsonl and leaves
-out what is there already; `page` makes their part of docs/results/logs.md, `short` one
-of its own. With a kind alone, N mutants of that kind are tried. With a kind and a seed, one mutant is tried again and nothing is kept but
+out what is there already; `page` makes its part of docs/results of them. `short` has a
+part of its own. With a kind alone, N mutants of that kind
+are tried. With a kind and a seed, one mutant is tried again and nothing is kept but
 what --keep names.
 """
 
@@ -35,14 +36,14 @@ def main() -> None:
     line.add_argument("--kind", choices=KINDS)
     line.add_argument("--seed", type=int)
     line.add_argument("--keep", type=Path)
-    asked = line.parse_args()
-    if asked.seed is not None and asked.kind is None:
+    options = line.parse_args()
+    if options.seed is not None and options.kind is None:
         line.error("--seed needs --kind")
     with tempfile.TemporaryDirectory(prefix="hardening-") as place:
-        _do_study(asked, Path(place))
+        _do_study(options, Path(place))
 
 
-def _do_study(asked: Namespace, place: Path) -> None:
+def _do_study(options: Namespace, place: Path) -> None:
     """Do a study in a folder."""
     from benchmarks.hardening import fuzz
     from benchmarks.hardening.disk import list_disk_runs
@@ -51,25 +52,25 @@ def _do_study(asked: Namespace, place: Path) -> None:
     from benchmarks.hardening.page import STUDIES, compute_figures
     from benchmarks.hardening.short_logs import publish_short_logs
 
-    if asked.seed is not None:
-        keep = asked.keep and asked.keep.resolve()
-        found = fuzz.try_mutant(place, asked.kind, asked.seed, keep)
-        print(found.pop("said"))
+    if options.seed is not None:
+        keep = options.keep and options.keep.resolve()
+        found = fuzz.try_mutant(place, options.kind, options.seed, keep)
+        print(found.pop("stderr"))
         print(json.dumps(found, indent=1))
-    elif asked.study == "page":
+    elif options.study == "page":
         known = {study: read_records(f"hardening-{study}") for study in STUDIES}
         page = Path(__file__).with_name("page.md")
-        publish_page(asked.root, "hardening", page, compute_figures(known))
-    elif asked.study == "short":
-        publish_short_logs(asked.root, asked.count or 300)
-    elif asked.study == "fuzz":
-        kinds = (asked.kind,) if asked.kind else KINDS
-        runs = fuzz.list_runs(place, asked.count or 10_000, kinds)
+        publish_page(options.root, "hardening", page, compute_figures(known))
+    elif options.study == "short":
+        publish_short_logs(options.root, options.count or 300)
+    elif options.study == "fuzz":
+        kinds = (options.kind,) if options.kind else KINDS
+        runs = fuzz.list_runs(place, options.count or 10_000, kinds)
         complete_suite("hardening-fuzz", runs, count_cores())
-    elif asked.study == "disk":
-        complete_suite("hardening-disk", list_disk_runs(place, asked.count or 40))
+    elif options.study == "disk":
+        complete_suite("hardening-disk", list_disk_runs(place, options.count or 40))
     else:
-        complete_suite("hardening-kills", list_kill_runs(place, asked.count or 100))
+        complete_suite("hardening-kills", list_kill_runs(place, options.count or 100))
 
 
 if __name__ == "__main__":

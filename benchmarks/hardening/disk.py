@@ -79,15 +79,15 @@ def list_disk_runs(place: Path, count: int) -> KeyedRuns:
 def _measure_need(name: str, start: Path, place: Path) -> int:
     """What a command needs of a disk that holds nothing else [kB]."""
     folder = copy_folder(start, place)
-    told = folder / "used"
+    noted = folder / "used"
     with mount_disk(folder / OUT, _LARGE):
 
         def tell_used(moment: int) -> None:
-            note(told, shutil.disk_usage(folder / OUT).used // 1024)
+            note(noted, shutil.disk_usage(folder / OUT).used // 1024)
 
         prepare = partial(call_at_writes, tell_used, folder / OUT)
         insist(run_writer(COMMANDS[name].start, folder, prepare=prepare))
-    return read_largest(told)
+    return read_largest(noted)
 
 
 def try_disk(name: str, start: Path, variant: str, size: int) -> Record:
@@ -113,8 +113,8 @@ def try_disk(name: str, start: Path, variant: str, size: int) -> Record:
             ended = run_writer(words, folder)
             faults = list_faults(ended, folder, codes=(0, 1))
             faults += _list_losses(name, folder, kept if filled else None, ended)
-    told = {"room": size, "code": ended.code, "command": words}
-    return {**told, "faults": [*map(asdict, faults)], "said": ended.said[-2000:]}
+    record = {"room": size, "code": ended.code, "command": words}
+    return {**record, "faults": [*map(asdict, faults)], "stderr": ended.stderr[-2000:]}
 
 
 def _list_losses(

@@ -95,7 +95,7 @@ def try_mutant(
             "faults": [asdict(fault) for fault in list_faults(ended, place)],
             "seconds": round(ended.seconds, 2),
             "megabytes": round(ended.megabytes),
-            "said": ended.said[-2000:],
+            "stderr": ended.stderr[-2000:],
         }
 
 

@@ -34,25 +34,20 @@ def list_faults(
     ended: Ended, folder: Path, *, codes: Collection[int] = (0, 2)
 ) -> list[Fault]:
     """All that is wrong with how a command ended."""
-    found = (
-        []
-        if ended.megabytes < MOST_MEGABYTES
-        else [
-            Fault(
-                "memory", _find_innermost(ended.said) or f"over {MOST_MEGABYTES:.0f} MB"
-            )
-        ]
-    )
+    found = list[Fault]()
+    if ended.megabytes >= MOST_MEGABYTES:
+        place = _find_innermost(ended.stderr)
+        found.append(Fault("memory", place or f"over {MOST_MEGABYTES:.0f} MB"))
     if ended.code is None:
         what = "hang" if ended.hung else "crash"
-        return [*found, Fault(what, f"{ended.signal}: {_find_innermost(ended.said)}")]
-    if "Traceback (most recent call last)" in ended.said:
-        found.append(Fault("traceback", _describe_traceback(ended.said)))
+        return [*found, Fault(what, f"{ended.signal}: {_find_innermost(ended.stderr)}")]
+    if "Traceback (most recent call last)" in ended.stderr:
+        found.append(Fault("traceback", _describe_traceback(ended.stderr)))
     elif ended.code not in codes:
-        found.append(Fault("exit code", f"{ended.code}: {_shorten(ended.said)}"))
-    elif ended.code and (reason := _find_message_fault(ended.said)):
+        found.append(Fault("exit code", f"{ended.code}: {_shorten(ended.stderr)}"))
+    elif ended.code and (reason := _find_message_fault(ended.stderr)):
         found.append(Fault("message", reason))
-    if noise := _NOISE.search(ended.said):
+    if noise := _NOISE.search(ended.stderr):
         found.append(Fault("warning", _shorten(noise[0])))
     names = list_leftovers(folder)
     if ended.code:
@@ -66,29 +61,29 @@ def list_leftovers(folder: Path) -> list[str]:
     return sorted({re.sub(r"\b[0-9a-f]{8}\b", "*", name) for name in found})
 
 
-def _find_message_fault(said: str) -> str:
+def _find_message_fault(stderr: str) -> str:
     """What is wrong with the message of a command that refused; "" if nothing."""
-    begins = [m.start() for m in re.finditer("^selfheal: ", said, re.M)]
+    begins = [m.start() for m in re.finditer("^selfheal: ", stderr, re.M)]
     if len(begins) != 1:
-        return f"{len(begins)} messages: {_shorten(said)}"
-    if len(said) - begins[0] > _LONGEST_MESSAGE:
-        return f"longer than {_LONGEST_MESSAGE} characters: {_shorten(said)}"
+        return f"{len(begins)} messages: {_shorten(stderr)}"
+    if len(stderr) - begins[0] > _LONGEST_MESSAGE:
+        return f"longer than {_LONGEST_MESSAGE} characters: {_shorten(stderr)}"
     return ""
 
 
-def _describe_traceback(said: str) -> str:
+def _describe_traceback(stderr: str) -> str:
     """The last line of a traceback, and the last line of the program in it."""
-    parts = said.split("Traceback (most recent call last)")[1:]
+    parts = stderr.split("Traceback (most recent call last)")[1:]
     last = next((p for p in reversed(parts) if _list_places(p)), parts[-1])
     lines = [line for line in last.splitlines()[1:] if line[:1].strip()]
     place = "".join(f"({place})" for place in _list_places(last)[-1:])
     return f"{_shorten(lines[0]) if lines else ''} {place}"
 
 
-def _list_places(said: str) -> list[str]:
+def _list_places(stderr: str) -> list[str]:
     """The program's own lines in a traceback or a stack, as file:line name."""
     own = []
-    for file, line, name in _FRAME.findall(said):
+    for file, line, name in _FRAME.findall(stderr):
         path = Path(file).resolve()
         if any(path.is_relative_to(ROOT / top) for top in ("selfheal", "cli")):
             own.append(f"{path.relative_to(ROOT)}:{line} {name}")

@@ -25,7 +25,7 @@ from benchmarks.hardening.originals import insist
 from benchmarks.hardening.process import load_program
 from benchmarks.suites import KeyedRuns, Record
 
-# what Python tells of before it is done; HDF5's own writing is told of below
+# what Python's audit reports before it is done; HDF5's own writing is wrapped below
 _EVENTS = {"os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.link"}
 _COUNT = "moments"  # a file in which a run that is only counted says how many
 
@@ -57,15 +57,15 @@ def call_at_writes(act: Callable[[int], None], folder: Path) -> None:
         (h5py.File, "close"),
         (h5py.Group, "create_dataset"),
     ):
-        setattr(place, name, _tell_before(getattr(place, name), reach))
+        setattr(place, name, _report_before(getattr(place, name), reach))
 
 
-def _tell_before(call: Callable[..., Any], reach: Callable[[], None]) -> Any:
-    def told(*args: Any, **more: Any) -> Any:
+def _report_before(call: Callable[..., Any], reach: Callable[[], None]) -> Any:
+    def wrapped(*args: Any, **more: Any) -> Any:
         reach()
         return call(*args, **more)
 
-    return told
+    return wrapped
 
 
 def _is_within(path: Any, folder: Path) -> bool:
@@ -139,5 +139,5 @@ def try_kill(name: str, inputs: Path, whole: Path, moment: int) -> Record:
                 if not (folder / other).exists()
             ]
             faults += [Fault("leftover", p.name) for p in folder.rglob(".*.unfinished")]
-    told = {"moment": moment, "code": ended.code, "command": words}
-    return {**told, "faults": [*map(asdict, faults)], "said": ended.said[-2000:]}
+    record = {"moment": moment, "code": ended.code, "command": words}
+    return {**record, "faults": [*map(asdict, faults)], "stderr": ended.stderr[-2000:]}

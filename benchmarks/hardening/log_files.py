@@ -83,7 +83,7 @@ def _make_lists(columns: Columns) -> dict[str, list[Any]]:
 
 
 def encode_csv(columns: Columns, **more: Any) -> bytes:
-    """A table as text, with what else pandas is told."""
+    """A table as text, with further options of pandas."""
     text = pd.DataFrame(columns).to_csv(index=False, **more)
     return text.encode(errors="surrogateescape")
 
@@ -184,10 +184,10 @@ def encode_mcap(tree: Any, packing: str = "NONE") -> bytes:
     writer.start("ros2")
     ids = dict[str, int]()
     channels = tree.get("channels")
-    for topic, told in channels.items() if isinstance(channels, dict) else ():
-        if [*map(type, told)] == [str, str, bytes, str]:
-            made = writer.register_schema(*told[:3])
-            ids[topic] = writer.register_channel(topic, told[3], made)
+    for topic, channel in channels.items() if isinstance(channels, dict) else ():
+        if [*map(type, channel)] == [str, str, bytes, str]:
+            made = writer.register_schema(*channel[:3])
+            ids[topic] = writer.register_channel(topic, channel[3], made)
     for message in tree.get("messages") or ():
         topic, time, inner = (*message, 0, 0)[:3]
         if topic in ids and isinstance(time, int) and isinstance(inner, bytes):

@@ -112,7 +112,7 @@ def _call_forked(make: Callable[[], None], folder: Path) -> None:
 def insist(ended: Ended) -> None:
     """Raise RuntimeError where a command did not end well."""
     if ended.code != 0:
-        raise RuntimeError(f"files cannot be made: {ended.signal} {ended.said}")
+        raise RuntimeError(f"files cannot be made: {ended.signal} {ended.stderr}")
 
 
 def write_small_files(folder: Path) -> None:

@@ -15,16 +15,16 @@ def compute_figures(known: Mapping[str, Records]) -> dict[str, object]:
 
     Messages are long, and of mutants without a fault nothing is to be learned.
     """
-    told = {
+    kept = {
         study: {
-            key: {k: v for k, v in record.items() if k != "said"}
+            key: {k: v for k, v in record.items() if k != "stderr"}
             for key, record in records.items()
             if record["faults"] or study != "fuzz"
         }
         for study, records in known.items()
     }
     return {
-        "records": told,
+        "records": kept,
         "mutants": {k: _summarize_mutants(v) for k, v in _group(known["fuzz"], KINDS)},
         "disks": {k: _count_ends(v) for k, v in _group(known["disk"])},
         "kills": {k: _count_ends(v) for k, v in _group(known["kills"])},

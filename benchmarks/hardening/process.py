@@ -37,8 +37,8 @@ class Ended:
         signal: name of that signal, "" if none.
         hung: whether it was stopped because it took too long.
         megabytes: peak of its memory [MB]; 0 where a signal ended it.
-        printed: standard output.
-        said: standard error.
+        stdout: standard output.
+        stderr: standard error.
     """
 
     code: int | None
@@ -46,8 +46,8 @@ class Ended:
     hung: bool
     seconds: float
     megabytes: float
-    printed: str
-    said: str
+    stdout: str
+    stderr: str
 
 
 @cache
@@ -94,9 +94,9 @@ def run_forked(
         seconds: after which it is stopped [s].
     """
     fork = multiprocessing.get_context("fork")
-    with tempfile.TemporaryFile() as printed, tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as stdout, tempfile.TemporaryFile() as stderr:
         peak, start = fork.Value("d", 0.0), time.perf_counter()
-        child = fork.Process(target=_play, args=(play, folder, printed, said, peak))
+        child = fork.Process(target=_play, args=(play, folder, stdout, stderr, peak))
         child.start()
         child.join(seconds)
         hung = child.is_alive()
@@ -112,16 +112,16 @@ def run_forked(
             hung=hung,
             seconds=time.perf_counter() - start,
             megabytes=peak.value,
-            printed=_read_text(printed),
-            said=_read_text(said),
+            stdout=_read_text(stdout),
+            stderr=_read_text(stderr),
         )
 
 
 def _play(
     play: Callable[[], None],
     folder: Path,
-    printed: IO[bytes],
-    said: IO[bytes],
+    stdout: IO[bytes],
+    stderr: IO[bytes],
     peak: Any,
 ) -> None:
     """Call the function in this process, which is the forked one.
@@ -132,8 +132,8 @@ def _play(
     os.chdir(folder)
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_DATA, (_MOST_DATA, _MOST_DATA))
-    os.dup2(printed.fileno(), 1)
-    os.dup2(said.fileno(), 2)
+    os.dup2(stdout.fileno(), 1)
+    os.dup2(stderr.fileno(), 2)
     sys.stdout, sys.stderr = (os.fdopen(f, "w", closefd=False) for f in (1, 2))
     faulthandler.enable(sys.stderr)
     try:

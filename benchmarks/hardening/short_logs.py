@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from benchmarks.recordings import edit_values, select_rows
+from benchmarks.suites import Record
 from benchmarks.writer import publish_page
 from selfheal.recording import Episode, Recording
 from tests.support.recorded_robots import ROBOTS, record
@@ -88,7 +89,7 @@ def attempt(act: Callable[[], Any]) -> str:
     return "answered"
 
 
-def run(diagnoses: int) -> dict[str, Any]:
+def run(diagnoses: int) -> Record:
     """Outcomes of checks and diagnoses by robot, and every fault."""
     from selfheal.api import diagnose
     from selfheal.telemetry import check_telemetry
@@ -113,15 +114,15 @@ def run(diagnoses: int) -> dict[str, Any]:
             acts.append(("diagnose", int(i), answer))
         for what, i, act in acts:
             name, case, _ = cases[i]
-            told = attempt(act)
-            is_fault = told not in ("answered", "refused")
-            outcomes[name][f"{what} {'fault' if is_fault else told}"] += 1
+            outcome = attempt(act)
+            is_fault = outcome not in ("answered", "refused")
+            outcomes[name][f"{what} {'fault' if is_fault else outcome}"] += 1
             if is_fault:
-                faults.append(f"{what} {case}: {told}")
+                faults.append(f"{what} {case}: {outcome}")
     return {"outcomes": outcomes, "faults": faults}
 
 
 def publish_short_logs(root: Path, count: int) -> None:
-    """Check all short logs, and write docs/results/logs.md."""
+    """Check all short logs, and write their part of docs/results."""
     page = Path(__file__).with_name("short_logs.md")
     publish_page(root, "short-logs", page, run(count))

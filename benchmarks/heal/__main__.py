@@ -4,8 +4,8 @@
     python -m benchmarks.heal page
 
 Every suite appends its records to benchmarks/results/heal-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/heal.md of them. Seeds are 5000 and up;
-development used seeds below 5000.
+what is there already; `page` makes its part of docs/results of them. Seeds are 5000 and
+up; development used seeds below 5000.
 """
 
 from benchmarks.heal.page import compute_figures

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.suites import KeyedRuns
+from benchmarks.suites import KeyedRuns, Record
 from benchmarks.writer import INTACT
 from selfheal.body.body import measure_length_error
 from selfheal.damage.apply import apply_damages
@@ -62,7 +62,7 @@ def list_real_runs(count: int) -> KeyedRuns:
             yield f"{seed} {chosen}", partial(_name_real_damage, seed, chosen)
 
 
-def _name_real_damage(seed: int, chosen: bool) -> dict[str, Any]:
+def _name_real_damage(seed: int, chosen: bool) -> Record:
     known, rng = _read_tables(), np.random.default_rng(seed)
     parts = load_published_body().anatomy.parts
     steps = []
@@ -94,7 +94,7 @@ def list_gait_runs(count: int) -> KeyedRuns:
     yield "random", _walk_random_gaits
 
 
-def _walk_gait(seed: int, name: str) -> dict[str, Any]:
+def _walk_gait(seed: int, name: str) -> Record:
     heading = 0.0 if seed % 3 else float(np.random.default_rng(seed).uniform(-3, 3))
     plants = LikelyPlants([build_rated_plant(load_published_body())])
     (gait,) = synthesize_gaits(plants, GaitTask(name, heading, seed))
@@ -113,9 +113,9 @@ def _walk_gait(seed: int, name: str) -> dict[str, Any]:
     }
 
 
-def _walk_random_gaits() -> dict[str, Any]:
+def _walk_random_gaits() -> Record:
     """End of 30 random gaits of paper A's kind, and of waves, on hidden robots [m]."""
-    found: dict[str, Any] = {}
+    found: Record = {}
     draws: dict[str, Callable[[np.random.Generator, int], np.ndarray]] = {
         "poses": lambda rng, n: rng.uniform(-1, 1, n),  # paper A's, of +-70 degrees
         "waves": lambda rng, n: rng.normal(0, 0.4, n),
@@ -133,7 +133,7 @@ def _walk_random_gaits() -> dict[str, Any]:
 
 
 @cache
-def _prepare_robot(robot: int) -> tuple[Any, Any, Any, dict[str, Any]]:
+def _prepare_robot(robot: int) -> tuple[Any, Any, Any, Record]:
     """A hidden robot, its self-models with their weights, its gait and whole walk."""
     seed = FIRST + robot
     hidden = require_walker(open_robot("starfish", seed=seed))
@@ -165,7 +165,7 @@ def list_world_runs(count: int) -> KeyedRuns:
         yield f"{FIRST + k}", partial(_heal_damage, k, WORLD_KINDS, whole=False)
 
 
-def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
+def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> Record:
     robot, seed = k % ROBOTS, FIRST + k
     hidden, models, weights, phases = _prepare_robot(robot)
     rng = np.random.default_rng([seed, 7])
@@ -180,7 +180,7 @@ def _heal_damage(k: int, kinds: tuple[str, ...], whole: bool) -> dict[str, Any]:
     return _summarize_heal(run, damage, onset, hidden.truth, models, robots)
 
 
-def _summarize_heal(run, damage, onset, truth, models, robots) -> dict[str, Any]:
+def _summarize_heal(run, damage, onset, truth, models, robots) -> Record:
     phases, walked = run.phases, run.result.get("distance", {})
     alarm, gait = phases["alarm"]["alarm"], read_gait(phases["gait"])
     guess = phases["verdict"]["believed"][0]
@@ -214,7 +214,7 @@ def list_alarm_runs(count: int) -> KeyedRuns:
         yield f"{FIRST + k}", partial(_watch_walks, k)
 
 
-def _watch_walks(k: int) -> dict[str, Any]:
+def _watch_walks(k: int) -> Record:
     gait, rng = _synthesize_known_gaits()[k % 3], np.random.default_rng([FIRST + k, 8])
     hidden = require_walker(open_robot("starfish", seed=FIRST + 100 + k))
     plant, anatomy = build_rated_plant(load_published_body()), hidden.anatomy

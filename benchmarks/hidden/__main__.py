@@ -9,8 +9,8 @@ Suites: `sealed` draws one or two effects, none, or one that the catalogue lacks
 `others` are robots that were written down. `make` simulates robots that differ from the
 model as given; `run` diagnoses each case in a folder that holds its model and its
 recording alone, and goes on where it was interrupted; `score` opens the keys and gives
-a part of docs/results/diagnose.md. Sealed seeds below 5000 are for development, those
-from 5000 on for the reported run.
+its part of docs/results. Sealed seeds below 5000 are for development, those from 5000
+on for the reported run.
 """
 
 import argparse
@@ -20,8 +20,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 from benchmarks.diagnosis_runs import ProcessLimits, diagnose_cases
 from benchmarks.hidden import drafts, drives, others, sealed
@@ -58,23 +58,28 @@ class Suite:
     tabulate: Callable[[Sequence[Judged]], dict[str, object]]
 
 
-def _list_drawn(suite: Any, options: argparse.Namespace, **chosen: Any):
-    for kind in options.kind or [SUITES[options.suite].kinds[0]]:
-        for seed in range(options.first_seed, options.first_seed + options.cases):
-            make = partial(suite.make_case, kind, seed, **chosen)
-            yield suite.name_case(kind, seed), suite.find_kind(kind, seed), make
+def _list_drawn(options: argparse.Namespace) -> Iterator[tuple[str, int]]:
+    """Kinds and seeds that are wanted."""
+    seeds = range(options.first_seed, options.first_seed + options.cases)
+    return product(options.kind or SUITES[options.suite].kinds[:1], seeds)
 
 
 def _list_sealed(options: argparse.Namespace) -> Iterator[Task]:
-    return _list_drawn(sealed, options, effects=options.effects, robots=options.robots)
+    chosen = {"effects": options.effects, "robots": options.robots}
+    for kind, seed in _list_drawn(options):
+        make = partial(sealed.make_case, kind, seed, **chosen)
+        yield sealed.name_case(seed), sealed.find_kind(kind, seed), make
 
 
 def _list_drives(options: argparse.Namespace) -> Iterator[Task]:
-    return _list_drawn(drives, options)
+    for kind, seed in _list_drawn(options):
+        yield drives.name_case(kind, seed), kind, partial(drives.make_case, kind, seed)
 
 
 def _list_others(options: argparse.Namespace) -> Iterator[Task]:
     for name in options.only or others.OTHER_CASES:
+        if name not in others.OTHER_CASES:
+            sys.exit(f"unknown: {name}; known: {', '.join(others.OTHER_CASES)}")
         yield name, others.OTHER_CASES[name].kind, partial(others.make_case, name)
 
 
@@ -158,14 +163,7 @@ def main() -> int:
     making.add_argument("--keys", type=Path, required=True)
     making.add_argument("--effects", nargs="*", default=(), help="sealed: only these")
     making.add_argument("--robots", nargs="*", default=(), help="sealed: only these")
-    making.add_argument(
-        "--only",
-        nargs="+",
-        choices=others.OTHER_CASES,
-        metavar="NAME",
-        default=(),
-        help="others: only these",
-    )
+    making.add_argument("--only", nargs="+", default=(), help="others: these names")
     making.set_defaults(do=make_cases)
     running = commands.add_parser("run", help="diagnose them")
     running.add_argument("--cases", type=Path, required=True)

@@ -157,11 +157,6 @@ def _cut(record: Record, seconds: float) -> Recording:
     return edit_episodes(record.cut(seconds, CALM).seen, drop)
 
 
-def find_kind(kind: str, seed: int) -> str:
-    """The kind of a seed's case."""
-    return kind
-
-
 def name_case(kind: str, seed: int) -> str:
     """Name of a case's folder."""
     return f"{kind}_{seed:05d}"

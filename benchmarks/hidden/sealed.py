@@ -258,8 +258,8 @@ def find_kind(kind: str, seed: int) -> str:
     return MIXED[seed % len(MIXED)] if kind == "mixed" else kind
 
 
-def name_case(kind: str, seed: int) -> str:
-    """Name of a seed's case, which does not tell its kind."""
+def name_case(seed: int) -> str:
+    """Name of a seed's case, which does not say its kind."""
     return f"case_{seed:05d}"
 
 
@@ -323,7 +323,7 @@ def _draw_case(
     if robot.free and not robot.joints:
         piece = 0.0
     case, train, _ = build_case(
-        name_case(kind, seed),
+        name_case(seed),
         experiment,
         placed,
         Session(draw.train, draw.test, (rng, rng), state, piece),

@@ -2,9 +2,9 @@
 
     python -m benchmarks.identify SUITE [--seeds N] [--first-seed K] [--jobs 2]
 
-Takes a suite of `suites.py`, gives a part of docs/results/identify.md. Finished runs
-are kept in benchmarks/results/identify-SUITE.jsonl, so that an interrupted suite goes
-on; runs of other program code than today's are not counted. "calibration" runs nothing:
+Takes a suite of `suites.py`, gives its part of docs/results. Finished runs are
+kept in benchmarks/results/identify-SUITE.jsonl, so that an interrupted suite goes on;
+runs of other program code than today's are not counted. "calibration" runs nothing:
 it pools what the suites' runs said of how sure they are.
 """
 

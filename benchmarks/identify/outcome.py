@@ -1,9 +1,8 @@
 """What a run is worth: a finished run in, a record for the results out."""
 
-from typing import Any
-
 import numpy as np
 
+from benchmarks.suites import Record
 from selfheal.body.body import Bodies, compute_edge_f1, measure_center_distance
 from selfheal.body.genome import build_bodies
 from selfheal.engine.channels import list_channels
@@ -22,7 +21,7 @@ def _predict_channels(body: Bodies, actions: np.ndarray) -> np.ndarray:
     return Statics(threads=1).simulate(copies, actions).channels
 
 
-def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
+def compare_with_truth(run: Run, robot: Robot) -> Record:
     """How a run's best body compares with the truth.
 
     `apart` is the largest difference that statics predicts between the two bodies in
@@ -38,8 +37,8 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     loss_of = list_channels(run.anatomy).loss
     apart = np.abs(tables[0] - tables[1]).max(axis=0) * loss_of.weight
     tried = [cycle.action for cycle in run.cycles]
-    felt = np.array([cycle.felt for cycle in run.cycles])
-    loss, truth_loss = (float(loss_of(t[tried], felt).sum()) for t in tables)
+    measured = np.array([cycle.felt for cycle in run.cycles])
+    loss, truth_loss = (float(loss_of(t[tried], measured).sum()) for t in tables)
     right = best.parent[0] == truth.parent[0]
     axes = (best.axis * truth.axis).sum(axis=2)[0] > _SAME_AXIS
     return {
@@ -61,7 +60,7 @@ def compare_with_truth(run: Run, robot: Robot) -> dict[str, Any]:
     }
 
 
-def explain_likeness(record: dict[str, Any]) -> str:
+def explain_likeness(record: Record) -> str:
     """Why a wrong tree is as good as the true one, "" if it is not.
 
     Centers at zero angles say nothing of hinges, so that "near" needs them right.
@@ -73,7 +72,7 @@ def explain_likeness(record: dict[str, Any]) -> str:
     return ""
 
 
-def explain_inexact_run(record: dict[str, Any]) -> str:
+def explain_inexact_run(record: Record) -> str:
     """In words, what a run ended at that did not find the true tree."""
     if why := explain_likeness(record):
         return why

@@ -1,6 +1,6 @@
 """Accuracy of the engines: against the robot of 2006, and against `mujoco`.
 
-Takes the intact readings of 2006 and random trees, gives docs/results/performance.md.
+Takes the intact readings of 2006 and random trees, gives its part of docs/results.
 """
 
 from collections.abc import Mapping

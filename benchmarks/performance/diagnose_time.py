@@ -5,7 +5,7 @@
 Sixty seconds of log of one chain, or of a tree of legs of three joints each. The given
 model lacks dry friction at one joint; of a `load`, which is a model wrong in kind, it
 lacks a mass that swings below the last link of a chain. Makes
-docs/results/diagnose.md. Run it on an otherwise idle machine.
+its part of docs/results. Run it on an otherwise idle machine.
 """
 
 import json
@@ -15,11 +15,11 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
 
+from benchmarks.suites import Record
 from benchmarks.writer import make_parser, publish_page
 from selfheal.recording import Episode, Recording, Signal, write
 
@@ -28,7 +28,7 @@ STEP, FINER = 0.002, 4  # [s] of the given model's step; the hidden one's are fi
 NOISE, FRICTION = 5e-4, 0.3  # [rad]; of the hidden friction, of the load
 OFF = {"mass": 0.08, "damping": 0.15}  # shares by which stated values are wrong
 LENGTH, MASS = 0.2, 0.3  # [m], [kg] of each link
-ASKED = {"chain 1": "30 s", "chain 7": "60 s", "load 7": "240 s"}
+TARGETS = {"chain 1": "30 s", "chain 7": "60 s", "load 7": "240 s"}
 SHAPES = {"chain": 1000, "tree": 3, "load": 1000}  # joints of a leg, at most
 KINDS = {
     "chain": "Chains",
@@ -132,7 +132,7 @@ def time_plain_mujoco(model: mujoco.MjModel, seconds: float) -> float:
     return time.perf_counter() - start
 
 
-def run_command(room: Path) -> dict[str, Any]:
+def run_command(room: Path) -> Record:
     """Diagnose model.xml and recording.h5 of a folder: time, memory and findings."""
     words = ["selfheal", "diagnose", "model.xml", "recording.h5", "--out", "d"]
     start = time.perf_counter()
@@ -151,7 +151,7 @@ def run_command(room: Path) -> dict[str, Any]:
     }
 
 
-def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
+def measure_diagnosis(joints: int, shape: str, seed: int) -> Record:
     """Time, memory and findings of one diagnosis by the command."""
     model = write_arm(joints, SHAPES[shape])
     with tempfile.TemporaryDirectory() as folder:
@@ -164,7 +164,7 @@ def measure_diagnosis(joints: int, shape: str, seed: int) -> dict[str, Any]:
     return {"joints": joints, "shape": shape, "plain": plain, **run}
 
 
-def describe_growth(rows: list[dict[str, Any]]) -> str:
+def describe_growth(rows: list[Record]) -> str:
     """The exponent of time in the number of joints, by least squares of logarithms."""
     rows = [r for r in rows if r["joints"] >= GROWS_FROM]
     if len(rows) < 3:
@@ -186,7 +186,7 @@ def main() -> None:
         for shape in options.shapes
     }
     growth = {shape: describe_growth(rows) for shape, rows in tables.items()}
-    figures = {"tables": tables, "kinds": KINDS, "asked": ASKED, "growth": growth}
+    figures = {"tables": tables, "kinds": KINDS, "targets": TARGETS, "growth": growth}
     page = Path(__file__).with_name("diagnose_time.md")
     publish_page(options.root, "diagnose-time", page, figures)
 

@@ -1,6 +1,6 @@
 """Throughput of the engines against `mujoco.rollout` on the same candidates.
 
-Takes random trees of the starfish's parts, gives docs/results/performance.md. Memory,
+Takes random trees of the starfish's parts, gives its part of docs/results. Memory,
 compile times and batch sizes of compiled engines are measured in fresh processes.
 """
 
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.suites import Record
 from benchmarks.writer import ROOT, count_cores, make_parser, publish_page
 from selfheal.body.body import Bodies
 from selfheal.body.genome import build_bodies, draw_genomes
@@ -102,7 +103,7 @@ def compare_engines(count: int, rounds: int, seed: int) -> dict[str, float]:
     }
 
 
-def measure_engine(engine: str, batch: int, count: int) -> dict[str, Any]:
+def measure_engine(engine: str, batch: int, count: int) -> Record:
     """Import and compile times, rate and memory of one engine in this process."""
     import resource
 
@@ -174,7 +175,7 @@ def run_in_fresh_process(engine: str, batch: int, count: int, cache: Path) -> di
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def measure_engines(jobs: list[tuple[str, int, int]]) -> list[dict[str, Any]]:
+def measure_engines(jobs: list[tuple[str, int, int]]) -> list[Record]:
     """Each engine at each batch size, with empty caches and with filled ones."""
     found = []
     for engine, batch, count in jobs:

@@ -4,7 +4,7 @@
     python -m benchmarks.recover page
 
 Every suite appends its records to benchmarks/results/recover-SUITE.jsonl and leaves out
-what is there already; `page` makes docs/results/recover.md of them. Seeds are 5000 and
+what is there already; `page` makes its part of docs/results of them. Seeds are 5000 and
 up; development used seeds below 5000.
 """
 

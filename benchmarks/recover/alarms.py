@@ -1,11 +1,11 @@
-"""How often a listed damage is told as unlisted: a seed in, two tests of it out."""
+"""How often a listed damage is taken for unlisted: a seed in, two tests of it out."""
 
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.suites import KeyedRuns
+from benchmarks.suites import KeyedRuns, Record
 from selfheal.body.legged import LEGGED, LeggedRobot, load_legged_robot
 from selfheal.damage.kinds import Damage
 from selfheal.engine.reflex import build_intact_plants, simulate_controllers
@@ -33,7 +33,7 @@ def list_alarm_runs(seeds: int) -> KeyedRuns:
             yield f"{robot} {seed}", partial(_check_damage, robot, seed)
 
 
-def _check_damage(name: str, seed: int) -> dict[str, Any]:
+def _check_damage(name: str, seed: int) -> Record:
     """Fit one walk, test with another, fit both where that refutes the first fit."""
     robot, rng = load_legged_robot(name), np.random.default_rng([seed, 44])
     damage = _draw_damage(robot, rng)

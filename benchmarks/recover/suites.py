@@ -90,8 +90,8 @@ def _summarize_run(run: RecoverRun) -> Record:
     settings, result = run.settings, run.result
     kept = {k: getattr(settings, k) for k in ("robot", "scenario", "seed", "method")}
     kept["named"] = is_damage_named(run)
-    told = ("damage", "verdict", "hypotheses", "actions", "distance")
-    kept |= {k: result[k] for k in told}
+    names = ("damage", "verdict", "hypotheses", "actions", "distance")
+    kept |= {k: result[k] for k in names}
     kept["walked"] = [trial["walked"] for trial in result["trials"]]
     return kept
 
@@ -108,7 +108,7 @@ def _time_evaluations(name: str, seed: int) -> Record:
     """CPU and wall seconds of an evaluation, each way."""
     robot, rng = load_legged_robot(name), np.random.default_rng(seed)
     genomes = draw_values(100, robot.synapses, rng)
-    spent: dict[str, Any] = {"robot": name, "cores": count_cores()}
+    spent: Record = {"robot": name, "cores": count_cores()}
 
     def timed(what: str, count: int, play: Callable[[], Any]) -> None:
         wall, cpu = time.perf_counter(), time.process_time()
@@ -128,14 +128,14 @@ def _time_evaluations(name: str, seed: int) -> Record:
     breeding = Breeding()
 
     def search() -> None:
-        def score(asked: np.ndarray) -> np.ndarray:
+        def score(weights: np.ndarray) -> np.ndarray:
             return simulate_controllers(
-                build_intact_plants(robot, len(asked)), asked
+                build_intact_plants(robot, len(weights)), weights
             ).displacement
 
         pool = start_population(np.empty((0, robot.synapses)), score, rng, breeding)
         *_, pool = evolve_population(pool, score, rng, breeding, GENERATIONS - 1)
-        spent["asked"] = pool.evaluations
+        spent["evaluations"] = pool.evaluations
 
     new = breeding.population - breeding.kept
     timed("search", breeding.population + (GENERATIONS - 1) * new, search)

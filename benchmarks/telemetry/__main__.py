@@ -8,7 +8,7 @@ they are checked, what the check says is done by a script, and they are checked 
 `known` and `new` are recordings of fourteen robots, checked as they are, then with one
 fault each: those that the check was made with, and others that it never saw.
 `concealed`, robots whose physics differs from the model, and `devices`, real ones, have
-to give no alarm. `page` makes docs/results/logs.md.
+to give no alarm. `page` makes its part of docs/results.
 """
 
 from collections.abc import Mapping

@@ -239,7 +239,7 @@ def _follow_by_torque(robot: Robot, goals: Values) -> Command:
     def command(k: int, there: mujoco.MjData) -> Values:
         data.qpos[:], data.qvel[:] = there.qpos, there.qvel
         mujoco.mj_forward(model, data)
-        asked = stiffness * (goals[k] - data.qpos) + data.qfrc_bias / 2
-        return np.clip(asked - 1.4 / rate * stiffness * data.qvel, low, high)
+        torque = stiffness * (goals[k] - data.qpos) + data.qfrc_bias / 2
+        return np.clip(torque - 1.4 / rate * stiffness * data.qvel, low, high)
 
     return command

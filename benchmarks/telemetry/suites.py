@@ -72,7 +72,7 @@ def list_concealed(count: int) -> KeyedRuns:
     for seed in range(CONCEALED, CONCEALED + count):
         kind = "double" if seed % 3 == 0 else "single"
         make = partial(sealed.make_case, kind, seed)
-        yield sealed.name_case(kind, seed), partial(_check, partial(_read_case, make))
+        yield sealed.name_case(seed), partial(_check, partial(_read_case, make))
     known = {name for _, written in GROUPS.values() for name in written}
     for name in others.OTHER_CASES:
         if name not in known:

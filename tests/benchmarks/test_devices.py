@@ -1,4 +1,4 @@
-"""Real devices: what is diagnosed is not what proves, and the model is as asked."""
+"""Real devices: what is diagnosed is not what proves, and the model is as target."""
 
 import json
 
@@ -48,4 +48,4 @@ def test_a_row_says_what_was_found(tmp_path):
     (tmp_path / "run.json").write_text('{"seconds": 1.0, "megabytes": 2.0}')
     said = summarize_device("cube", tmp_path, 0.2)
     assert said["named"] == ["payload body:arm (mass 0.3, position (0, 0.1, -0.25))"]
-    assert (said["asked"], said["reached"]) == (DEVICES["cube"].asked, 0.2)
+    assert (said["target"], said["reached"]) == (DEVICES["cube"].target, 0.2)

@@ -22,7 +22,6 @@ from benchmarks.hidden.simulator import simulate_plans
 from benchmarks.hidden.truth import UnfitDraw
 from selfheal.recording import check_against_model, read, read_names, validate
 from tests.support.paths import ROOT, SHARED
-from tests.support.short_drives import shorten_drives
 
 pytestmark = pytest.mark.slow
 
@@ -67,11 +66,11 @@ def _arrays(recording):
 
 
 @pytest.fixture
-def make_short(monkeypatch):
+def make_short(shorten_drives):
     """Makes a case of drives of two short episodes, and its draft and experiment."""
 
     def make(kind, seed):
-        shorten_drives(monkeypatch, kind, 1.2)
+        shorten_drives(kind, 1.2)
         case = drives.make_case(kind, seed)
         return case, *drives.draft_case(kind, seed, case.key["attempt"])[:2]
 

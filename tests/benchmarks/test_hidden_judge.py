@@ -28,7 +28,6 @@ from benchmarks.replay_error import average_commands
 from benchmarks.writer import render_page
 from selfheal.recording import check_against_model, read, read_names
 from tests.support.paths import ROOT
-from tests.support.short_drives import shorten_drives
 
 pytestmark = pytest.mark.slow
 
@@ -197,8 +196,8 @@ def test_a_verdict_agrees_with_the_errors_at_every_horizon():
     assert judge_verdict("partly", {"a": 1.0, "b": 1.0}, errors)
 
 
-def test_the_plain_fit_helps_and_the_truth_helps_more(tmp_path, monkeypatch):
-    shorten_drives(monkeypatch, "everything", 4.0)
+def test_the_plain_fit_helps_and_the_truth_helps_more(tmp_path, shorten_drives):
+    shorten_drives("everything", 4.0)
     case = make_drives("everything", 7)
     save_case(case, tmp_path / "cases", tmp_path / "keys")
     judged = drives.read_case(tmp_path / "cases" / case.name, tmp_path / "keys")

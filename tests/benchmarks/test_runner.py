@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks import suites, writer
 from benchmarks.suites import complete_suite, read_records
-from benchmarks.writer import format_fixed, format_hits, publish_page
+from benchmarks.writer import format_fixed, format_hits, place_part, publish_page
 
 
 @pytest.fixture
@@ -47,18 +47,22 @@ def test_a_page_has_its_command_and_every_figure(tmp_path, monkeypatch):
     monkeypatch.setattr(writer.sys, "argv", ["x", "--root", "here", "page"])
     template = tmp_path / "page.md"
     template.write_text("# {{ name }}\n\n{{ table(('a', 'b'), rows) }}\n")
-    for value in (3, 2):  # a part that is there already is replaced
-        figures = {"name": "Title", "rows": [(1, value)]}
-        publish_page(tmp_path, "p-first", template, figures)
-        publish_page(tmp_path, "p-second", template, figures)
-    page = (tmp_path / "docs/results/p.md").read_text()
-    title, _, part, command, *_ = page.split("\n\n")
-    assert title == "# p" and part == "## Title" and command.endswith(" page")
-    assert page.count("| 1 | 2 |") == 2 and "| 1 | 3 |" not in page
-    assert page.index("end p-first") < page.index("begin p-second")
-    assert len(list((tmp_path / "benchmarks/results").glob("p-*.json"))) == 2
+    publish_page(tmp_path, "p", template, {"name": "Title", "rows": [(1, 2)]})
+    title, command, *_ = (tmp_path / "docs/results/p.md").read_text().split("\n\n")
+    assert title == "# Title" and command.endswith(" page")
+    assert "| 1 | 2 |" in (tmp_path / "docs/results/p.md").read_text()
+    assert len(list((tmp_path / "benchmarks/results").glob("p-*.json"))) == 1
     with pytest.raises(jinja2.UndefinedError):
         publish_page(tmp_path, "p", template, {"name": "Title"})
+
+
+def test_a_part_of_a_page_is_written_anew_in_its_place(tmp_path):
+    page = tmp_path / "all.md"
+    page.write_text("# All\n\n<!-- begin p -->\n\nold\n\n<!-- end p -->\n\n## Rest\n")
+    found, text = place_part(tmp_path, "p", "# New\n\n## Figures\n")
+    place = "<!-- begin p -->\n\n## New\n\n### Figures\n\n<!-- end p -->\n"
+    assert (found, text) == (page, f"# All\n\n{place}\n## Rest\n")
+    assert place_part(tmp_path, "q", "# Own\n") == (tmp_path / "q.md", "# Own\n")
 
 
 def test_numbers_are_written_the_same_on_all_pages():

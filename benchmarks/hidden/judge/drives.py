@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -66,7 +65,7 @@ def score_truth(
 
 def measure_references(
     draft: Draft, experiment: Experiment, train: Recording, tests: Pieces
-) -> dict[str, Any]:
+) -> Judged:
     """Errors by horizon of the given model, the plain fit and the truth; its effects.
 
     Returns:
@@ -97,7 +96,7 @@ def measure_references(
 
 def _measure_shares(
     draft: Draft, experiment: Experiment, tests: Pieces
-) -> list[dict[str, Any]]:
+) -> list[Judged]:
     """What each effect removes of the squared error when added last to the others."""
     some = {
         name: choose_evenly(tests[name], count)
@@ -197,14 +196,14 @@ def _score_replays(
     return found
 
 
-def compute_figures(cases: Sequence[Judged]) -> dict[str, dict[str, Any]]:
+def compute_figures(cases: Sequence[Judged]) -> dict[str, Judged]:
     """Figures by kind."""
     kinds = dict.fromkeys(c["kind"] for c in cases)
     return {kind: _summarize_kind(select_kind(cases, kind)) for kind in kinds}
 
 
-def _summarize_kind(cases: Sequence[Judged]) -> dict[str, Any]:
-    figures: dict[str, Any] = {"cases": len(cases)}
+def _summarize_kind(cases: Sequence[Judged]) -> Judged:
+    figures: Judged = {"cases": len(cases)}
     for name in HORIZONS:
         for other in ("plain", "true"):
             ratios = [

@@ -4,7 +4,6 @@ import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,13 +12,13 @@ from benchmarks.hidden.judge.names import Judged, judge_case, read_places
 from selfheal.study.statistics import compute_wilson_interval
 
 
-def compute_rate(flags: Iterable[bool]) -> dict[str, Any]:
+def compute_rate(flags: Iterable[bool]) -> Judged:
     """A share of true flags with its 95 % Wilson interval."""
     flags = list(flags)
     return compute_share(sum(map(bool, flags)), len(flags))
 
 
-def compute_share(hits: int, count: int) -> dict[str, Any]:
+def compute_share(hits: int, count: int) -> Judged:
     """So many hits of a count, with the 95 % Wilson interval of their share."""
     if not count:
         return {"hits": 0, "n": 0, "rate": None, "low": None, "high": None}
@@ -32,7 +31,7 @@ def select_kind(cases: Sequence[Judged], kind: str) -> list[Judged]:
     return [c for c in cases if c["kind"] == kind]
 
 
-def compute_figures(cases: Sequence[Judged]) -> dict[str, Any]:
+def compute_figures(cases: Sequence[Judged]) -> Judged:
     """Every figure of the issue's table."""
     single, null = select_kind(cases, "single"), select_kind(cases, "null")
     odd, double = select_kind(cases, "unlisted"), select_kind(cases, "double")
@@ -132,6 +131,6 @@ def read_case(case: Path, keys: Path, replay: tuple[str, ...] = ()) -> Judged:
     return found
 
 
-def read_json(file: Path) -> dict[str, Any]:
+def read_json(file: Path) -> Judged:
     """What a JSON file holds; nothing where there is none."""
     return json.loads(file.read_text()) if file.is_file() else {}
