@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 
@@ -47,7 +47,7 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
 
 def identify_dynamics(
     run: "Run", robot: "Robot", path: Path, model: Path, stage: Stage
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Have the robot move, diagnose its best body by that, and write what was found.
 
     Where the torso lies still in all moves, so that only joints move, that body is

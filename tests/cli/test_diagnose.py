@@ -58,21 +58,14 @@ def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_pat
     result = run("diagnose", *files, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     said = " ".join(result.stdout.split())
-    for word in (
-        "things differ from the model",
-        "coulomb_friction",
-        "joint:knee",
-        "0.14 N m",
+    said_words = (
+        *("things differ from the model", "coulomb_friction", "joint:knee", "0.14 N m"),
         "cannot be distinguished from stribeck_friction by these",
         "1.9 deg as given, 0.31 deg patched (noise 0.10 deg)",
-        "4.56 times",
-        "to separate them: move the joint by hand",
-        "29 deg/s",
-        "0.21",
-        "95 %",
-        "note: The hip never",
-        "report.html",
-    ):
+        *("4.56 times", "to separate them: move the joint by hand", "29 deg/s"),
+        *("0.21", "95 %", "note: The hip never", "report.html"),
+    )
+    for word in said_words:
         assert word in said, word
     assert result.stderr.count("s  trying every effect") == 1  # one stage
     assert not doctor.asked[0]["findings_only"]
@@ -246,16 +239,9 @@ def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
     assert result.stderr == "" and told.pop("seconds") >= 0
-    assert told == {
-        "format": "selfheal-replay",
-        "version": 1,
-        "diagnosis": str(diagnosed),
-        "model": str(model),
-        "inputs": str(a),
-        "predicted": str(out),
-        "episodes": 2,
-        "samples": 17,
-    }
+    head = {"format": "selfheal-replay", "version": 1, "episodes": 2, "samples": 17}
+    paths = {"diagnosis": diagnosed, "model": model, "inputs": a, "predicted": out}
+    assert told == head | {name: str(path) for name, path in paths.items()}
     assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
     assert set(read(out).episodes) == {"zeta", "alpha"}
     again = run_well("replay", diagnosed, a, "--out", out)  # over an earlier one
