@@ -5,7 +5,7 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from ..errors import InputError, check_seed
 from ..files import check_file
@@ -19,39 +19,49 @@ DRAWING_SHARE = 0.97  # of the time that is over when the report is drawn; measu
 RecordingLike = Recording | str | os.PathLike[str]
 
 
+class DiagnoseOptions(TypedDict, total=False):
+    """What `diagnose` takes besides model and recordings; all of it may be left out.
+
+    Attributes:
+        held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
+            [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
+            too. Without any: a third of a recording's episodes, such that the others
+            span them, or the last third of a lone one.
+        no_check: kinds of log faults to ignore, of `selfheal.telemetry.KINDS`.
+        seed: of all random numbers, 0 by default.
+        memory: folder of checkpoints, in which the same diagnosis goes on where it was
+            killed; remove it in the end.
+        minutes: time limit [min], about, 30 by default: the best answer so far is given
+            then, and says what it left out; `math.inf` for as long as it takes.
+        findings_only: keep the nominal values of the model.
+    """
+
+    held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
+    no_check: Sequence[str]
+    seed: int
+    memory: str | os.PathLike[str] | None
+    minutes: float
+    findings_only: bool
+
+
 def diagnose(
     model: str | os.PathLike[str],
     recordings: RecordingLike | Sequence[RecordingLike],
     *,
-    held_out: str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = (),
-    no_check: Sequence[str] = (),
-    seed: int = 0,
-    memory: str | os.PathLike[str] | None = None,
     progress: Callable[[str, float], None] | None = None,
-    minutes: float = 30.0,
     stop: Callable[[], bool] = lambda: False,
-    findings_only: bool = False,
+    **options: Unpack[DiagnoseOptions],
 ) -> "Diagnosis":
     """Where a model and recordings differ, and which physics the model lacks.
 
     Args:
         model: path of the robot's MJCF or URDF.
         recordings: of the real robot: paths, or what `selfheal.recording.read` gave.
-        held_out: what no fit may see and the result is proved on: `id`, `id[t0,t1]`
-            [s], `file.h5:id`, `file.h5:id[t0,t1]`, or a path, whose recording is read
-            too. Without any: a third of a recording's episodes, such that the others
-            span them, or the last third of a lone one.
-        no_check: kinds of faults of a log that are not asked about, as
-            `selfheal.telemetry.KINDS` has them.
-        memory: folder of what is worked out, in which the same diagnosis goes on where
-            it was killed; remove it in the end.
         progress: called with what is being done and the share (0 to 1) of the
             time that is over, about; 0 where that is not known.
-        minutes: [min] that it may take, about: the best answer so far is given then,
-            and says what it left out; `math.inf` for as long as it takes.
-        stop: asked before each batch of simulations; once True, that answer is given as
-            soon as it is tested.
-        findings_only: whether every value that the model states stays as it is.
+        stop: called before each batch of simulations; once True, the best answer so far
+            is given as soon as it is tested.
+        **options: as `DiagnoseOptions` lists them.
 
     Returns:
         The verdict, the findings and their proof; `save` and `simulate` use them.
@@ -66,14 +76,27 @@ def diagnose(
     from ..report.diagnose import make_diagnosis_page
 
     begun = time.monotonic()
+    seed, minutes = options.get("seed", 0), options.get("minutes", 30.0)
     check_seed(seed)
     check_file(model)
-    is_over = _make_clock(minutes, stop)
-    read, names = _read_all(_to_list(recordings), _to_list(held_out), os.fspath(model))
+    is_over, held_out = (
+        _make_clock(minutes, stop),
+        _to_list(options.get("held_out", ())),
+    )
+    read, names = _read_all(_to_list(recordings), held_out, os.fspath(model))
     say = _limit_shares(progress or (lambda what, share: None), begun, minutes)
-    noted = _check_logs(model, read, no_check)
-    found = find(model, read, held_out=names, seed=seed, memory=memory, progress=say,
-                 is_over=is_over, findings_only=findings_only, begun=begun)  # fmt: skip
+    noted = _check_logs(model, read, options.get("no_check", ()))
+    found = find(
+        model,
+        read,
+        held_out=names,
+        seed=seed,
+        memory=options.get("memory"),
+        progress=say,
+        is_over=is_over,
+        findings_only=options.get("findings_only", False),
+        begun=begun,
+    )
     found = replace(found, remarks=(*noted, *found.remarks))
     say("drawing the report", DRAWING_SHARE)
     page = make_diagnosis_page(found, str(model), [r.file for r in read])
@@ -83,13 +106,7 @@ def diagnose(
 def _limit_shares(
     progress: Callable[[str, float], None], begun: float, minutes: float
 ) -> Callable[[str, float], None]:
-    """Progress whose shares are not less than what is over of the time that is given.
-
-    Args:
-        progress: called with a message and a share (0 to 1).
-        begun: `time.monotonic()` at the beginning [s].
-        minutes: that are given [min].
-    """
+    """Progress whose shares are not less than what is over of the time limit."""
 
     def say(what: str, share: float) -> None:
         over = (time.monotonic() - begun) / (60 * minutes)
@@ -99,11 +116,7 @@ def _limit_shares(
 
 
 def _make_clock(minutes: float, stop: Callable[[], bool]) -> Callable[[float], bool]:
-    """Whether a share of some minutes from now is over, or an answer is asked for.
-
-    Raises:
-        InputError: the minutes are not positive.
-    """
+    """Whether a share of some minutes from now is over, or `stop` says so."""
     if not minutes > 0:
         raise InputError(f"minutes are {minutes:g}; would fit: more than 0")
     begun = time.monotonic()
@@ -115,11 +128,7 @@ def _read_all(
     held_out: Sequence[str | os.PathLike[str]],
     model: str,
 ) -> tuple[list[Recording], list[str]]:
-    """Every recording, and the full names of what is held out.
-
-    Raises:
-        InputError: none was given, one is given twice, or a name fits several.
-    """
+    """Every recording, and the full names of what is held out."""
     entries = [os.fspath(entry) for entry in held_out]
     files = [entry for entry in entries if _is_file(entry)]
     if not given:
@@ -131,25 +140,17 @@ def _read_all(
 def _check_logs(
     model: str | os.PathLike[str], recordings: Sequence[Recording], skip: Sequence[str]
 ) -> list[str]:
-    """Faults of recordings; those that contradict the model are refused.
-
-    Raises:
-        RecordingError: a recording does not fit the model, or contradicts it.
-        UnknownNameError: a kind of fault that there is not.
-    """
+    """Refuse recordings that contradict the model; other faults, in a line each."""
     from ..recording import check_against_model, list_model_names, load_model
-    from ..telemetry import check_telemetry, list_tolerable, refuse_faulty
+    from ..telemetry import check_telemetry, refuse_faulty
 
-    compiled, noted = load_model(model), []
+    compiled, noted = load_model(model), list[str]()
     names = list_model_names(compiled)
     for recording in recordings:
         check_against_model(recording, names)
         faults = check_telemetry(recording, compiled)
-        refuse_faulty(recording.file, faults, skip)
-        noted += [
-            f"{recording.file}, {fault.describe()}"
-            for fault in list_tolerable(faults, skip)
-        ]
+        for fault in refuse_faulty(recording.file, faults, skip):
+            noted.append(f"{recording.file}, {fault.describe()}")
     return noted
 
 
@@ -167,11 +168,7 @@ def _is_file(name: str) -> bool:
 def _open_recordings(
     given: Sequence[RecordingLike], spare: int, model: str
 ) -> list[Recording]:
-    """Every recording, checked.
-
-    Raises:
-        InputError: one is given twice.
-    """
+    """Every recording, checked; none is given twice."""
     found: dict[str, Recording] = {}
     for i, one in enumerate(given):
         name = one.file if isinstance(one, Recording) else os.fspath(one)
@@ -187,11 +184,7 @@ def _open_recordings(
 
 
 def _resolve_held_out(entry: str, recordings: Sequence[Recording]) -> list[str]:
-    """A name to hold out with its file before it; of a file all of its episodes.
-
-    Raises:
-        InputError: it fits several recordings.
-    """
+    """A name to hold out with its file before it; of a file all of its episodes."""
     if _is_file(entry):
         real = os.path.realpath(entry)
         (whole,) = (r for r in recordings if os.path.realpath(r.file) == real)

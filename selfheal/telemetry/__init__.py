@@ -1,7 +1,7 @@
 """Faults of a log: a recording and its model in, what no physics can explain out."""
 
 from .check import Telemetry, check_telemetry, examine_telemetry
-from .fault import Fault, list_decisive, list_tolerable, refuse_faulty
+from .fault import Fault, refuse_faulty
 from .registry import KINDS
 
 __all__ = [
@@ -10,7 +10,5 @@ __all__ = [
     "Telemetry",
     "check_telemetry",
     "examine_telemetry",
-    "list_decisive",
-    "list_tolerable",
     "refuse_faulty",
 ]

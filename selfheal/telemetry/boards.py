@@ -4,8 +4,8 @@ The rotation that is nearest between two sets of vectors is Wahba's problem (Wah
 1965), which Kabsch's method solves.
 """
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .series import Series
 
 if TYPE_CHECKING:
     import mujoco
+    from scipy.spatial.transform import Rotation
 
 # of a board that is turned; chosen: glued on by eye. A rotation is known where its
 # standard deviation is as small
@@ -34,23 +35,23 @@ BASIS = (
 class Turn(NamedTuple):
     """How a board is turned against the site that the model has for it.
 
-    Attributes:
-        rotation: of scipy, from the site's frame to the board's: read = R predicted.
-        rows: that were compared.
-        given: mean square of the errors without it, over that of the vectors [1].
-        left: likewise with it.
+    The rotation leads from the site's frame to the board's: read = R predicted. So many
+    rows were compared; `given` and `left` are mean squares of the errors without it and
+    with it, over that of the vectors [1].
     """
 
-    rotation: Any
+    rotation: "Rotation"
     rows: int
     given: float
     left: float
 
 
 def find_turned(
-    model: "mujoco.MjModel", series: Series, sensors: Mapping[str, str],
+    model: "mujoco.MjModel",
+    series: Series,
+    sensors: Mapping[str, str],
     expected: dict[str, Floats],
-) -> list[Fault]:  # fmt: skip
+) -> Iterator[Fault]:
     """Boards that are turned against their sites.
 
     Args:
@@ -64,7 +65,6 @@ def find_turned(
         s = model.sensor(sensor)
         if mujoco.mjtSensor(s.type[0]).name[7:] in SITE_SENSORS:
             boards.setdefault(int(s.objid[0]), []).append(name)
-    found = []
     for site, names in boards.items():
         turn = find_turn([(expected[n], series.signals[n][:, :, 0]) for n in names])
         if turn is None:
@@ -73,16 +73,18 @@ def find_turned(
         vector = turn.rotation.inv().as_rotvec(degrees=True)
         degrees = float(np.linalg.norm(vector))
         axis = " ".join(f"{x:.3g}" for x in np.round(vector / degrees, 3) + 0.0)
-        found.append(Fault(
-            "sensor_frame", series.episodes, tuple(names), model.site(site).name,
-            f"{format_columns(names)}: the board is turned by {degrees:.3g} "
-            f"degrees about ({axis}) of the model's site {model.site(site).name!r}: so "
-            f"turned they miss what the positions give by {100 * turn.left:.2g} % of "
-            f"its mean square, as the model has it by {100 * turn.given:.2g} %",
-            f_test(turn.given, turn.left, turn.rows / DEPENDENT_ROWS), BASIS,
-            (ModelCorrection(_format_site(model, site, turn)),),
-        ))  # fmt: skip
-    return found
+        target = model.site(site).name
+        seen = (
+            f"{format_columns(names)}: the board is turned by {degrees:.3g} degrees "
+            f"about ({axis}) of the model's site {target!r}: so turned they miss what "
+            f"the positions give by {100 * turn.left:.2g} % of its mean square, as the "
+            f"model has it by {100 * turn.given:.2g} %"
+        )
+        count = turn.rows / DEPENDENT_ROWS
+        test = f_test(turn.given, turn.left, count, count), BASIS
+        where = series.episodes, tuple(names), target
+        correction = ModelCorrection(_format_site(model, site, turn.rotation))
+        yield Fault("sensor_frame", *where, seen, *test, (correction,))
 
 
 def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
@@ -119,9 +121,10 @@ def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
         return None
     is_square = bool(np.rad2deg((near * found.inv()).magnitude()) < MIN_DEGREES)
     chosen = near if is_square else found
-    given, left = (float(np.average([_measure_error(r, *p) for p in known],
-                                    weights=1 / errors))
-                   for r in (Rotation.identity(), chosen))  # fmt: skip
+    given, left = (
+        float(np.average([_measure_error(r, *p) for p in known], weights=1 / errors))
+        for r in (Rotation.identity(), chosen)
+    )
     degrees = float(np.rad2deg(chosen.magnitude()))
     if degrees < MIN_DEGREES or left > min(MAX_LEFT, FAR_BETTER * given):
         return None
@@ -131,22 +134,22 @@ def find_turn(pairs: Sequence[tuple[Floats, Floats]]) -> Turn | None:
 def _normalize(predicted: Floats, read: Floats) -> tuple[Floats, Floats]:
     """Rows that both have, (n, 3) each, of which the mean square is 1."""
     both = np.isfinite(predicted).all(axis=1) & np.isfinite(read).all(axis=1)
-    sizes = [float(np.sqrt(np.mean((x[both] ** 2).sum(axis=1)))) if both.any() else 0.0
-             for x in (predicted, read)]  # fmt: skip
+    squares = [(x[both] ** 2).sum(axis=1) for x in (predicted, read)]
+    sizes = [float(np.sqrt(x.mean())) if both.any() else 0.0 for x in squares]
     if min(sizes) < 1e-9:
         return np.empty((0, 3)), np.empty((0, 3))
     return predicted[both] / sizes[0], read[both] / sizes[1]
 
 
-def _measure_error(rotation: Any, predicted: Floats, read: Floats) -> float:
+def _measure_error(rotation: "Rotation", predicted: Floats, read: Floats) -> float:
     return float(np.mean(((rotation.apply(predicted) - read) ** 2).sum(axis=1)))
 
 
-def _format_site(model: "mujoco.MjModel", site: int, turn: Turn) -> str:
+def _format_site(model: "mujoco.MjModel", site: int, turn: "Rotation") -> str:
     """MJCF of a site that is turned as its board is."""
     from scipy.spatial.transform import Rotation
 
     given = Rotation.from_quat(model.site_quat[site], scalar_first=True)
-    quat = (given * turn.rotation.inv()).as_quat(canonical=True, scalar_first=True)
+    quat = (given * turn.inv()).as_quat(canonical=True, scalar_first=True)
     numbers = " ".join(f"{x:.6g}" for x in np.round(quat, 6) + 0.0)
     return f'<site name="{model.site(site).name}" quat="{numbers}"/>'

@@ -4,7 +4,8 @@ A velocity is the derivative of its position, whatever the physics. A servo's jo
 follows its command: late, weakly or with an offset, but not to the other side.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,7 @@ LIVELY = 0.3
 # times as far off, a velocity that is no derivative, as in episodes where it is; chosen
 FAR_OFF = 2.0
 LATE_SAME = 0.85  # correlation over the whole log of what is late; chosen
+EPISODIC = ("sign", "unit", "exchange", "derivative")  # kinds that one episode shows
 SHORT_ROWS = 100  # of an episode that is judged with other such; chosen: a second
 
 
@@ -49,7 +51,6 @@ class Disagreement:
     Attributes:
         what: "velocity" or "command": what was compared with the position.
         kind: "sign", "unit", "exchange", "delay" or "derivative".
-        joint: its name.
         partner: the other joint of an exchange; else "".
         episodes: ids in which it is so.
         relation: of the two columns there.
@@ -64,7 +65,12 @@ class Disagreement:
     episodes: tuple[str, ...]
     relation: Relation
     p_value: float
-    lag: float = 0.0
+    lag: float
+
+    @property
+    def is_late_servo(self) -> bool:
+        """Whether a position follows its command too late."""
+        return self.what == "command" and self.kind == "delay"
 
 
 Key = tuple[str, str, str]  # kind, joint and partner of a disagreement
@@ -76,7 +82,6 @@ class Comparison:
 
     Attributes:
         what: "velocity" or "command": what is compared with the position.
-        series: of the recording.
         first: (N) by joint: the derivative of the position, or what is commanded.
         second: (N) by joint: what should be the same.
         lags: in rows that are searched.
@@ -95,14 +100,10 @@ class Comparison:
     moves: frozenset[str] = frozenset()
 
     def relate(self, one: str, other: str, rows: np.ndarray) -> Relation:
-        """How the second column of `other` follows the first of `one`.
-
-        Args:
-            rows: (n) those that are compared.
-        """
+        """How the second column of `other` follows the first of `one` in rows (n)."""
         x = self.first[one]
         if not measure_spread(x[rows]) > LIVELY * measure_spread(x):
-            return Relation(len(rows), 0, np.nan, np.nan, 0.0, np.nan)
+            return Relation(len(rows))
         episode = self.series.episode[rows]
         return relate(x[rows], self.second[other][rows], episode, self.lags)
 
@@ -118,24 +119,29 @@ def compare_velocities(
     both = [j for j in joints.values() if j.position and j.velocity]
     most = series.count_rows(SEARCHED_LAG)
     return Comparison(
-        "velocity", series,
+        "velocity",
+        series,
         {j.name: series.signals[j.position][:, 0, 1] for j in both},
         {j.name: series.signals[j.velocity][:, 0, 0] for j in both},
-        range(-most, most + 1), series.count_rows(MAX_VELOCITY_LAG), 1.0,
+        range(-most, most + 1),
+        series.count_rows(MAX_VELOCITY_LAG),
+        1.0,
         frozenset(j.name for j in both if _moves(recording, j.position)),
-    )  # fmt: skip
+    )
 
 
 def compare_commands(joints: Mapping[str, JointColumns], series: Series) -> Comparison:
     """Positions against what position servos are sent."""
     led = [(j, j.servo) for j in joints.values() if j.position and j.servo]
     return Comparison(
-        "command", series,
+        "command",
+        series,
         {j.name: series.ctrl[s.command][:, 0] * s.scale for j, s in led},
         {j.name: series.signals[j.position][:, 0, 0] for j, _ in led},
-        range(series.count_rows(SEARCHED_LAG) + 1), series.count_rows(MAX_COMMAND_LAG),
+        range(series.count_rows(SEARCHED_LAG) + 1),
+        series.count_rows(MAX_COMMAND_LAG),
         WEAKEST_SERVO,
-    )  # fmt: skip
+    )
 
 
 def _moves(recording: Recording, signal: str) -> bool:
@@ -152,38 +158,20 @@ def _moves(recording: Recording, signal: str) -> bool:
 
 def find_disagreements(comparison: Comparison) -> list[Disagreement]:
     """The joints whose two columns contradict each other, and how."""
-    found: dict[Key, list[int]] = {}
-    for numbers in _group_episodes(comparison.series):
-        own, exchanges = _compare_all(comparison, numbers)
-        for joint, relation in own.items():
-            for kind in _classify(relation, comparison):
-                found.setdefault((kind, joint, ""), []).extend(numbers)
-        for key in exchanges:
-            found.setdefault(key, []).extend(numbers)
-        exchanged = _list_exchanged(found)
-        for joint, relation in own.items():
-            unlike = relation.is_different and joint not in exchanged
-            if unlike and joint in comparison.moves:
-                found.setdefault(("derivative", joint, ""), []).extend(numbers)
-    numbers = list(range(len(comparison.series.ids)))
-    whole, exchanges = _compare_all(comparison, numbers)
-    for key in exchanges:
-        found.setdefault(key, []).extend(numbers)
-    for joint, relation in whole.items():
-        if _is_late(relation, comparison):
-            found["delay", joint, ""] = numbers
+    found, series = defaultdict[Key, list[int]](list), comparison.series
+    parts = [(numbers, EPISODIC) for numbers in _group_episodes(series)]
+    for numbers, kinds in (*parts, ([*range(len(series.ids))], ("exchange", "delay"))):
+        for key in _compare_all(comparison, numbers):
+            if key[0] in kinds:
+                found[key] += numbers
     # joints of an exchange may look flipped where both move alike
-    exchanged = _list_exchanged(found)
-    made = [
+    exchanged = {name for kind, *pair in found if kind == "exchange" for name in pair}
+    made = (
         _make(key, set(numbers), comparison)
         for key, numbers in found.items()
         if key[0] == "exchange"
-        or not (
-            key[1] in exchanged
-            or (key[0] == "derivative" and _is_noisy(key[1], numbers, comparison))
-            or (key[0] == "unit" and _has_stopped(key[1], numbers, comparison))
-        )
-    ]
+        or (key[1] not in exchanged and _is_sure(key, numbers, comparison))
+    )
     return [d for d in made if d is not None]
 
 
@@ -195,28 +183,23 @@ def _group_episodes(series: Series) -> list[list[int]]:
     return long + [short] * bool(short)
 
 
-def _compare_all(
-    comparison: Comparison, numbers: Sequence[int]
-) -> tuple[dict[str, Relation], list[Key]]:
-    """The relations of each joint's columns in some episodes, and exchanges of two."""
+def _compare_all(comparison: Comparison, numbers: Sequence[int]) -> Iterator[Key]:
+    """Disagreements of all joints in episodes of some numbers."""
     rows = comparison.series.select(numbers)
     own, pairs = find_exchanges(
         [*comparison.first], lambda one, other: comparison.relate(one, other, rows)
     )
-    return own, [("exchange", one, other) for one, other, _ in pairs]
-
-
-def _list_exchanged(found: Iterable[Key]) -> set[str]:
-    return {joint for kind, *pair in found if kind == "exchange" for joint in pair}
-
-
-def _classify(relation: Relation, comparison: Comparison) -> list[str]:
-    """Kinds of disagreement that one relation shows."""
-    found = ["sign"] if relation.is_flipped else []
-    ratio = abs(relation.ratio)
-    if relation.has_other_unit and (ratio > 1 or ratio < comparison.weakest):
-        found.append("unit")
-    return found
+    yield from (("exchange", one, other) for one, other, _ in pairs)
+    for joint, relation in own.items():
+        ratio = abs(relation.ratio)
+        kinds = {
+            "sign": relation.is_flipped,
+            "unit": relation.has_other_unit
+            and (ratio > 1 or ratio < comparison.weakest),
+            "derivative": relation.is_different and joint in comparison.moves,
+            "delay": _is_late(relation, comparison),
+        }
+        yield from ((kind, joint, "") for kind, is_so in kinds.items() if is_so)
 
 
 def _is_late(relation: Relation, comparison: Comparison) -> bool:
@@ -227,28 +210,24 @@ def _is_late(relation: Relation, comparison: Comparison) -> bool:
     return abs(relation.lag) > comparison.max_lag and late
 
 
-def _is_noisy(joint: str, numbers: Sequence[int], comparison: Comparison) -> bool:
-    """Whether a velocity is as far from the slope in the other episodes as in these.
-
-    Slow noise then hides a small motion in these.
-    """
-    is_here = np.isin(comparison.series.episode, numbers)
-    squares = (comparison.second[joint] - comparison.first[joint]) ** 2
-    if not np.isfinite(squares[~is_here]).any():
-        return False
-    here, elsewhere = (np.nanmean(squares[rows]) for rows in (is_here, ~is_here))
-    return bool(here < FAR_OFF**2 * elsewhere)
-
-
-def _has_stopped(joint: str, numbers: Sequence[int], comparison: Comparison) -> bool:
-    """Whether a joint hardly moves that moved as commanded in an earlier episode.
-
-    It jammed: no unit changes while a robot is recorded.
-    """
-    if not abs(comparison.relate_own(joint, numbers).ratio) < comparison.weakest:
-        return False
-    earlier = (comparison.relate_own(joint, [i]) for i in range(min(numbers)))
-    return any(abs(relation.ratio) > comparison.weakest for relation in earlier)
+def _is_sure(key: Key, numbers: Sequence[int], comparison: Comparison) -> bool:
+    """Whether neither noise nor a joint that jammed explains what is seen."""
+    kind, joint, _ = key
+    if kind == "derivative":
+        # slow noise hides a motion if the velocity is as far from the slope elsewhere
+        is_here = np.isin(comparison.series.episode, numbers)
+        squares = (comparison.second[joint] - comparison.first[joint]) ** 2
+        if not np.isfinite(squares[~is_here]).any():
+            return True
+        here, elsewhere = (np.nanmean(squares[rows]) for rows in (is_here, ~is_here))
+        return bool(here >= FAR_OFF**2 * elsewhere)
+    if kind == "unit":
+        # it hardly moves, and moved as commanded earlier: no unit changes meanwhile
+        least = comparison.weakest
+        if abs(comparison.relate_own(joint, numbers).ratio) < least:
+            earlier = (comparison.relate_own(joint, [i]) for i in range(min(numbers)))
+            return not any(abs(relation.ratio) > least for relation in earlier)
+    return True
 
 
 def _make(key: Key, numbers: set[int], comparison: Comparison) -> Disagreement | None:
@@ -261,7 +240,7 @@ def _make(key: Key, numbers: set[int], comparison: Comparison) -> Disagreement |
     if not relation.is_known:
         return None
     independent = series.independent_seconds / series.step
-    p = correlation_p_value(relation.r, relation.rows, independent)
+    p = correlation_p_value(relation, independent)
     if kind == "derivative":
         # Fisher's z of the correlation that the columns of a joint would have
         n = max(relation.rows / independent - 3, 0.1)

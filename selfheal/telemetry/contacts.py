@@ -1,7 +1,7 @@
 """Contacts in given poses: takes a compiled model and positions, gives what touches."""
 
 from collections.abc import Collection, Iterable, Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +11,10 @@ if TYPE_CHECKING:
     import mujoco
 
 
-def list_contacts(model: "mujoco.MjModel", poses: Iterable[Floats]) -> Iterator[Any]:
-    """MuJoCo's contacts in each pose (nq); they are valid until the next is asked."""
+def collide(
+    model: "mujoco.MjModel", poses: Iterable[Floats]
+) -> "Iterator[mujoco.MjData]":
+    """What touches in each pose (nq); it is valid until the next one is computed."""
     import mujoco
 
     data = mujoco.MjData(model)
@@ -21,7 +23,7 @@ def list_contacts(model: "mujoco.MjModel", poses: Iterable[Floats]) -> Iterator[
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_collision(model, data)
-        yield data.contact
+        yield data
 
 
 def find_touching_bodies(
@@ -34,8 +36,8 @@ def find_touching_bodies(
         skip: types of geoms that do not count.
     """
     always: set[tuple[int, int]] | None = None
-    for contacts in list_contacts(model, poses):
-        geoms = contacts.geom[contacts.dist <= 0]
+    for data in collide(model, poses):
+        geoms = data.contact.geom[data.contact.dist <= 0]
         geoms = geoms[(geoms >= 0).all(axis=1)]  # else of a deformable
         geoms = geoms[~np.isin(model.geom_type[geoms], [*skip]).any(axis=1)]
         pairs = {(int(a), int(b)) for a, b in np.sort(model.geom_bodyid[geoms], axis=1)}

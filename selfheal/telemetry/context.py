@@ -1,9 +1,10 @@
 """What checks know of a log: a recording and its model in, what follows from them out.
 
-Each is computed once, when the first check asks for it.
+Each is computed once, when a check first needs it.
 """
 
 from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ import numpy as np
 
 from ..recording import Recording
 from ..recording.data import Floats
-from .balance import TorqueBalance
+from .balance import BALANCED, TorqueBalance
 from .comparisons import (
     Comparison,
     Disagreement,
@@ -30,25 +31,20 @@ from .states import ColumnMap, States
 if TYPE_CHECKING:
     import mujoco
 
-# share of a joint's torques, or of others, that a wrong column may leave once it is
-# corrected; chosen: concealed physics leaves a twelfth at most
-MAX_LEFT = 0.1
-MAX_FAULTS = 4  # that one explainer may find, one after the other; chosen
-
-
 # kinds of signals that sensors read of a motion
-READ = ("joint_position", "joint_velocity", "body_position", "body_orientation",
-        "body_linear_velocity", "body_angular_velocity", "sensor")  # fmt: skip
+READ = (
+    *("joint_position", "joint_velocity", "body_position", "body_orientation"),
+    *("body_linear_velocity", "body_angular_velocity", "sensor"),
+)
+MAX_FAULTS = 4  # that one explainer may find, one after the other; chosen
 
 
 class Context:
     """A recording, its model, and what was found so far.
 
     Attributes:
-        recording: of the robot; checks of `READINGS` may correct it.
-        model: of the robot.
+        recording: checks of `READINGS` may correct it.
         frozen: columns that are, of which no other fault is reported.
-        faults: that were found.
         column_map: how columns are read otherwise, by these faults.
     """
 
@@ -58,11 +54,7 @@ class Context:
         model: "mujoco.MjModel",
         frozen: Collection[str] = (),
     ) -> None:
-        """Begin without faults.
-
-        Args:
-            recording: of the robot; its commands are those of the model's controls.
-        """
+        """Begin without faults; commands are those of the model's controls."""
         self.recording, self.model, self.frozen = recording, model, frozenset(frozen)
         self.faults: list[Fault] = []
         self.column_map = ColumnMap()
@@ -108,11 +100,7 @@ class Context:
     def disagreements(self) -> list[Disagreement]:
         """What these contradict; a servo that torques show to be weak is not late."""
         found = [d for c in self.comparisons.values() for d in find_disagreements(c)]
-        return [
-            d for d in found
-            if d.what == "velocity" or d.kind != "delay"
-            or not self.is_balanced(d.joint)
-        ]  # fmt: skip
+        return [d for d in found if not (d.is_late_servo and self.is_balanced(d.joint))]
 
     @property
     def episodes(self) -> tuple[str, ...]:
@@ -128,14 +116,15 @@ class Context:
     def is_balanced(self, joint: str) -> bool:
         """Whether the torques of a joint balance, as its columns are read so far."""
         left = self.balance.measure_share(self.column_map, joint)
-        return left is not None and left < MAX_LEFT
+        return left is not None and left < BALANCED
 
-    def read(self, signal: str) -> Floats:
-        """Readings (n, ...) of a signal in all episodes that have it [its unit]."""
-        return np.concatenate([
-            e.signals[signal].values for e in self.recording.episodes.values()
+    def read(self, signal: str) -> dict[str, tuple[Floats, Floats]]:
+        """Times (T) [s] and readings (T) [its unit] of a signal by episode."""
+        return {
+            k: (e.time, e.signals[signal].values.reshape(e.time.size))
+            for k, e in self.recording.episodes.items()
             if signal in e.signals
-        ])  # fmt: skip
+        }
 
     def list_columns(
         self, kinds: Collection[str], least: int, measure: Callable[[Floats], Floats]
@@ -156,48 +145,40 @@ class Context:
                     column = int(np.argmax(measure(values[read])))
                     yield episode, name, e.time[read], values[read, column]
 
-    def search(
-        self, explainer: Explainer, names: Sequence[str], limits: tuple[float, float],
-        basis: str, what: str,
-    ) -> list[Fault]:  # fmt: skip
-        """Faults of columns whose correction explains the motion far better.
-
-        Args:
-            limits: shares that are left, see `find_best`.
-        """
-        found: list[Fault] = []
+    def search(self, explainer: Explainer, names: Sequence[str]) -> Iterator[Fault]:
+        """Faults of columns whose correction explains the motion far better."""
         for _ in range(MAX_FAULTS):
             free = [n for n in names if n not in self.column_map.positions]
             options = list(list_hypotheses(self.joints, free))
-            best = find_best(explainer, self.column_map, options, limits)
+            best = find_best(explainer, self.column_map, options)
             if best is None:
                 break
             one, others = best
             measured = (
-                f"then {what} to {100 * one.left:.2g} %, as the log is to "
+                f"then {explainer.says} to {100 * one.left:.2g} %, as the log is to "
                 f"{100 * one.given:.2g} %, {one.gain:.1f} nats a row"
             )
-            found.append(make_fault(
-                one.best, others, measured, one.p_value, basis, self.series.episodes
-            ))  # fmt: skip
             self.column_map |= one.best.column_map
-        return found
+            test = one.p_value, explainer.basis
+            yield make_fault(one.best, others, measured, test, self.series.episodes)
 
 
 def make_fault(
-    best: Hypothesis, others: Sequence[Hypothesis], measured: str, p_value: float,
-    basis: str, episodes: tuple[str, ...],
-) -> Fault:  # fmt: skip
+    best: Hypothesis,
+    others: Sequence[Hypothesis],
+    measured: str,
+    test: tuple[float, str],
+    episodes: tuple[str, ...],
+) -> Fault:
     """The fault of a hypothesis, and what the data do not distinguish from it.
 
     Args:
-        p_value: of it [1].
+        test: the p-value [1], and of which test.
     """
     unclear = "".join(
         f"; or {o.text}, which these data do not distinguish" for o in others
     )
-    return Fault(
-        best.kind, episodes, best.columns, best.target,
-        f"{best.text} ({measured}){unclear}", p_value, basis, best.corrections,
-        tuple(c for o in others for c in o.columns),
-    )  # fmt: skip
+    seen = f"{best.text} ({measured}){unclear}"
+    rivals = tuple(c for o in others for c in o.columns)
+    found = Fault(best.kind, episodes, best.columns, best.target, seen, *test)
+    return replace(found, corrections=best.corrections, alternatives=rivals)

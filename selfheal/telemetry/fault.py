@@ -1,9 +1,9 @@
 """What is wrong with a log: a fault of one of the `KINDS`, and what corrects it."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TypedDict
 
 from ..errors import RecordingError, UnknownNameError
 from .registry import KINDS
@@ -14,29 +14,40 @@ DECISIVE_P_VALUE = 1e-3
 # of a message that lists faults; chosen: a screen
 MAX_LISTED = 8
 
-SKIP = "skip"  # key of a correction: the column is to be left out
 COUNTED = "counted, not estimated"
+
+
+class Changes(TypedDict, total=False):
+    """Keys of a column's rule in a map (`selfheal.logs.log_map.ColumnRule`).
+
+    Factors multiply what the rule has, a delay is added; `columns` are places of the
+    rule's columns, `skip` leaves the column out.
+    """
+
+    sign: int | list[int]
+    scale: float
+    delay: float
+    missing: float
+    order: str
+    targets: list[str]
+    columns: list[int]
+    from_range: tuple[float, float]
+    to_range: tuple[float, float]
+    skip: bool
 
 
 @dataclass(frozen=True)
 class ColumnCorrection:
-    """How a log's map is to read a column (`selfheal.logs.log_map.ColumnRule`).
-
-    Attributes:
-        name: of the signal, or of the actuator whose command it is.
-        changes: keys of the column's rule and their values; `SKIP` leaves it out.
-            Factors multiply what the rule has.
-        is_command: whether it is an actuator's.
-    """
+    """How a log's map is to read a signal, or the command of an actuator, by name."""
 
     name: str
-    changes: Mapping[str, Any]
+    changes: Changes
     is_command: bool = False
 
     def __str__(self) -> str:
         """The line for a map."""
         rule = '[[signals]] kind = "command",' if self.is_command else "[[signals]]"
-        if SKIP in self.changes:
+        if "skip" in self.changes:
             said = "leave the column out"
         else:
             said = ", ".join(f"{k} = {_format(v)}" for k, v in self.changes.items())
@@ -45,7 +56,7 @@ class ColumnCorrection:
 
 @dataclass(frozen=True)
 class ModelCorrection:
-    """An element of the MJCF as it should be: attributes that it lacks stay.
+    """An element of the MJCF as it should be: attributes that are not in it stay.
 
     Attributes:
         xml: of the element; one without a name is to be added.
@@ -65,7 +76,7 @@ Correction = ColumnCorrection | ModelCorrection | str  # a str says what to do
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of a log, or of a range that the model states.
+    """One fault of a log, or of a nominal range of the model.
 
     Attributes:
         kind: a name of `KINDS`.
@@ -75,8 +86,6 @@ class Fault:
         seen: one sentence with numbers and units.
         p_value: probability to see this in a log without the fault [1]; `basis` says
             by which test.
-        basis: of the p-value.
-        corrections: of the log's map or of the model.
         alternatives: columns that may be at fault instead, as far as these data say.
     """
 
@@ -101,41 +110,29 @@ class Fault:
         return f"{self.kind}: {self.seen}; correction: {corrections}"
 
 
-def list_decisive(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
-    """The faults for which a diagnosis is refused; `skip` are kinds to let pass.
+def refuse_faulty(
+    file: str, faults: Sequence[Fault], skip: Collection[str] = ()
+) -> list[Fault]:
+    """Refuse a recording whose faults make any physics meaningless; the others.
+
+    Args:
+        skip: kinds that are let pass.
 
     Raises:
+        RecordingError: lists the faults and what corrects them.
         UnknownNameError: a kind that there is not.
     """
     for name in skip:
         if name not in KINDS:
             raise UnknownNameError("kind of fault", name, KINDS)
-    return [f for f in faults if f.is_decisive and f.kind not in skip]
-
-
-def list_tolerable(faults: Sequence[Fault], skip: Collection[str] = ()) -> list[Fault]:
-    """The faults that a diagnosis mentions, and goes on."""
-    return [f for f in faults if not f.is_decisive and f.kind not in skip]
-
-
-def refuse_faulty(
-    file: str, faults: Sequence[Fault], skip: Collection[str] = ()
-) -> None:
-    """Refuse a recording whose faults make any physics meaningless.
-
-    Args:
-        skip: kinds that are not asked about.
-
-    Raises:
-        RecordingError: lists the faults and what corrects them.
-    """
-    found = list_decisive(faults, skip)
-    if not found:
-        return
-    said = [f.describe() for f in found[:MAX_LISTED]]
-    if len(found) > MAX_LISTED:
-        said.append(f"{len(found) - MAX_LISTED} more")
-    kinds = " ".join(f"--no-check {k}" for k in dict.fromkeys(f.kind for f in found))
+    judged = [f for f in faults if f.kind not in skip]
+    decisive = [f for f in judged if f.is_decisive]
+    if not decisive:
+        return judged
+    said = [f.describe() for f in decisive[:MAX_LISTED]]
+    if len(decisive) > MAX_LISTED:
+        said.append(f"{len(decisive) - MAX_LISTED} more")
+    kinds = " ".join(f"--no-check {k}" for k in dict.fromkeys(f.kind for f in decisive))
     raise RecordingError(
         f"{file}: log and model contradict each other, and no physics can be "
         f"identified from it: {'. '.join(said)}. Would fit: a corrected log, or {kinds}"
@@ -147,21 +144,12 @@ def format_columns(names: Sequence[str]) -> str:
     return " and ".join(repr(n if len(n) <= 60 else n[:57] + "...") for n in names)
 
 
-def correct_factor(
-    name: str, factor: float, *, is_command: bool = False
-) -> ColumnCorrection:
-    """A column that is to be multiplied.
-
-    Args:
-        name: of the signal or the actuator.
-        factor: of its values [1].
-        is_command: whether it is an actuator's.
-    """
-    changes = {"sign": -1} if factor == -1 else {"scale": factor}
-    return ColumnCorrection(name, changes, is_command)
+def multiply(factor: float) -> Changes:
+    """The change of a column that is to be multiplied by a factor [1]."""
+    return {"sign": -1} if factor == -1 else {"scale": factor}
 
 
-def _format(value: Any) -> str:
+def _format(value: object) -> str:
     """A value as TOML."""
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_format, value))}]"

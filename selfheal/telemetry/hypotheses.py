@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fault import ColumnCorrection, correct_factor, format_columns
+from .fault import Changes, ColumnCorrection, format_columns, multiply
 from .joints import JointColumns
-from .relations import SHARES, list_units, name_unit
+from .relations import SHARES, UNITS, list_units, name_unit
 from .residuals import Explainer
 from .states import ColumnMap
 
@@ -22,7 +22,6 @@ SCREENED = 4  # rows of which one is evaluated first; chosen: a quarter of the t
 CLEARLY = 0.5  # nats by which hypotheses are distinguished; chosen
 MIN_GAIN = 1.5  # nats by which one must explain more; chosen: concealed physics
 # gains nothing by a wrong sign
-DEGREE = float(np.pi / 180)
 
 
 @dataclass(frozen=True)
@@ -30,11 +29,8 @@ class Hypothesis:
     """One thing that could be wrong with the columns about a joint or two.
 
     Attributes:
-        kind: of the fault.
         column_map: how the columns would be read instead.
         columns: signals, and actuators whose command changes.
-        target: joint or actuator.
-        corrections: of the log's map.
         text: what is wrong, as the end of a sentence.
     """
 
@@ -61,15 +57,10 @@ class Finding(NamedTuple):
 
 
 def find_best(
-    explainer: Explainer, column_map: ColumnMap, options: Sequence[Hypothesis],
-    limits: tuple[float, float],
-) -> tuple[Finding, tuple[Hypothesis, ...]] | None:  # fmt: skip
-    """The hypothesis that explains the motion far better, and those as good.
-
-    Args:
-        limits: shares that the log as it is must leave, and a hypothesis may leave.
-    """
-    min_left, max_left = limits
+    explainer: Explainer, column_map: ColumnMap, options: Sequence[Hypothesis]
+) -> tuple[Finding, tuple[Hypothesis, ...]] | None:
+    """The hypothesis that explains the motion far better, and those as good."""
+    min_left, max_left = explainer.limits
     base = explainer.evaluate(column_map)
     if base.worst < min_left:
         return None
@@ -98,7 +89,7 @@ def list_hypotheses(
     joints: Mapping[str, JointColumns], names: Sequence[str]
 ) -> Iterator[Hypothesis]:
     """All signs, units and exchanges of the columns of named joints."""
-    degrees = 1 / DEGREE
+    degrees = UNITS["degrees"]
     for name in names:
         joint = joints[name]
         read = list_read(joint)
@@ -121,9 +112,12 @@ def list_read(joint: JointColumns) -> tuple[str, ...]:
 
 
 def suppose(
-    joints: Mapping[str, JointColumns], kind: str, pair: tuple[str, ...],
-    parts: tuple[str, ...], ratio: float = 1.0,
-) -> Hypothesis:  # fmt: skip
+    joints: Mapping[str, JointColumns],
+    kind: str,
+    pair: tuple[str, ...],
+    parts: tuple[str, ...],
+    ratio: float = 1.0,
+) -> Hypothesis:
     """A hypothesis: a kind of fault in some of the columns about a joint.
 
     Args:
@@ -132,60 +126,41 @@ def suppose(
         parts: of "position", "velocity", "command": what is read otherwise.
         ratio: what was written over what is right, for a unit.
     """
-    factor = {"sign": -1.0, "unit": 1 / abs(ratio)}.get(kind, 1.0)
-    span = joints[pair[0]].span
-    unit = name_unit(ratio, span) if kind == "unit" else ""
-    if unit:
-        factor = 1 / list_units(span)[unit]
-
-    def correct(
-        name: str, joint: JointColumns, target: str, is_command: bool
-    ) -> ColumnCorrection:
-        if kind == "exchange":
-            return ColumnCorrection(name, {"targets": [target]}, is_command)
-        if unit in SHARES:
-            return correct_share(name, joint, unit, is_command=is_command)
-        return correct_factor(name, factor, is_command=is_command)
-
-    positions, commands, signals, acting, corrections = {}, {}, [], [], []
+    first = joints[pair[0]]
+    factor, unit = 1.0, ""
+    if kind == "sign":
+        factor = -1.0
+    elif kind == "unit":
+        unit = name_unit(ratio, first.span)
+        factor = 1 / (list_units(first.span)[unit] if unit else abs(ratio))
+    change = spread(first, unit) if unit in SHARES else multiply(factor)
+    positions, commands = dict[str, tuple[str, float]](), dict[str, tuple[str, float]]()
+    signals, sent = list[ColumnCorrection](), list[ColumnCorrection]()
     for to, source in zip(pair, pair[::-1], strict=True):
         one, other = joints[to], joints[source]
-
+        of = Changes(targets=[to]) if kind == "exchange" else change
         if "position" in parts:
             positions[to] = (source, factor)
-        for part in ("position", "velocity"):
-            name = getattr(other, part)
-            if part in parts and name:
-                signals.append(name)
-                corrections.append(correct(name, one, one.name, False))
+            signals.append(ColumnCorrection(other.position, of))
+        if "velocity" in parts and other.velocity:
+            signals.append(ColumnCorrection(other.velocity, of))
         if "command" in parts:
             for a, b in zip(one.commands, other.commands, strict=False):
                 commands[a] = (b, factor)
-                acting.append(b)
-                corrections.append(correct(b, one, a, True))
-    columns = (*signals, *acting)
+                of = Changes(targets=[a]) if kind == "exchange" else change
+                sent.append(ColumnCorrection(b, of, is_command=True))
+    corrections = (*signals, *sent)
+    columns = tuple(c.name for c in corrections)
     listed = format_columns(columns)
     text = {
         "sign": f"{listed}: the sign is the other one",
         "unit": f"{listed}: the unit is {unit or 'another one'}",
         "exchange": f"{listed} are exchanged",
     }[kind]
-    return Hypothesis(
-        kind, ColumnMap(positions, commands), columns, pair[0],
-        tuple(corrections), text,
-    )  # fmt: skip
+    column_map = ColumnMap(positions, commands)
+    return Hypothesis(kind, column_map, columns, pair[0], corrections, text)
 
 
-def correct_share(
-    name: str, joint: JointColumns, unit: str, *, is_command: bool = False
-) -> ColumnCorrection:
-    """How a column is read that is a share of its joint's range.
-
-    Args:
-        name: of the signal or the actuator.
-        unit: a name of `SHARES`.
-        is_command: whether it is an actuator's.
-    """
-    low, high = joint.range or (0.0, 1.0)
-    ends = {"from_range": [0.0, SHARES[unit]], "to_range": [low, high]}
-    return ColumnCorrection(name, ends, is_command)
+def spread(joint: JointColumns, unit: str) -> Changes:
+    """The change of a column that is a share of its joint's range: one of `SHARES`."""
+    return Changes(from_range=(0.0, SHARES[unit]), to_range=joint.range or (0.0, 1.0))

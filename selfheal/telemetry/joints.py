@@ -1,6 +1,6 @@
 """What measures and what commands each joint: takes a model, gives names of columns."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,14 +43,13 @@ class JointColumns:
     """A hinge or slide, and the columns about it.
 
     Attributes:
-        name: of the joint.
         number: in the model.
         position, velocity: names of their signals; "" where there is none.
         servo: what its position is commanded to; None where nothing commands that.
         actuators: all that act on this joint alone.
         commands: names of these actuators' columns.
         range: of the joint [rad or m]; None where it has no limits.
-        is_slide: whether it is a slide.
+        unit: "rad" or "m".
     """
 
     name: str
@@ -58,10 +57,10 @@ class JointColumns:
     position: str = ""
     velocity: str = ""
     servo: Reference | None = None
-    actuators: tuple[str, ...] = field(default=())
-    commands: tuple[str, ...] = field(default=())
+    actuators: tuple[str, ...] = ()
+    commands: tuple[str, ...] = ()
     range: tuple[float, float] | None = None
-    is_slide: bool = False
+    unit: str = "rad"
 
     @property
     def span(self) -> float:
@@ -111,7 +110,7 @@ def list_joints(
             tuple(model.actuator(a).name for a in acting),
             tuple(names[c] for a in acting for c in find_controls(model, a)),
             (float(low), float(high)) if model.jnt_limited[j] else None,
-            bool(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE),
+            "m" if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE else "rad",
         )
     return found
 
@@ -124,8 +123,10 @@ def shares_unit(recording: Recording, joint: JointColumns) -> bool:
     moved, summed = list[Floats](), list[Floats]()
     for e in recording.episodes.values():
         if {joint.position, joint.velocity} <= {*e.signals} and e.time.size > 2:
-            x, v = (e.signals[n].values.reshape(e.time.size)
-                    for n in (joint.position, joint.velocity))  # fmt: skip
+            x, v = (
+                e.signals[n].values.reshape(e.time.size)
+                for n in (joint.position, joint.velocity)
+            )
             steps = np.diff(e.time)
             every = max(1, round(STRIDE / float(np.median(steps))))
             path = np.cumsum(np.nan_to_num((v[1:] + v[:-1]) / 2) * steps)

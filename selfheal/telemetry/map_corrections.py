@@ -3,15 +3,15 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..logs.log_map import COMMAND, ColumnRule, LogMap
 from ..recording import Recording
-from .fault import SKIP, ColumnCorrection, Fault
+from .fault import Changes, ColumnCorrection, Fault
 
-_RULE = ("missing", "delay", "order")  # keys with one value for all columns
+FACTORS: tuple[Literal["sign"], Literal["scale"]] = ("sign", "scale")
 Key = tuple[str, str]  # kind and target of a column
 
 
@@ -20,28 +20,29 @@ def correct_rules(
 ) -> dict[int, list[ColumnRule]]:
     """The rules of a map that faults change, by their number, as they should be.
 
+    A rule may become several, or none.
+
     Args:
         log_map: by which the recording was made.
-
-    Returns:
-        None is in it that the faults' corrections do not speak of. A rule may become
-        several, or none.
     """
-    changes = dict[Key, dict[str, Any]]()
+    changes = dict[Key, Changes]()
     for one in (one for fault in faults for one in fault.corrections):
-        if not isinstance(one, ColumnCorrection):
-            continue
-        change = dict(one.changes)
-        found = changes.setdefault(_find_key(one, recording), {})
-        for name in ("scale", "sign"):  # of two faults, one after the other
-            if name in change and name in found:
-                change[name] = np.multiply(change[name], found[name]).tolist()
-        found |= change
-    return {
-        number: made
-        for number, rule in enumerate(log_map.signals)
-        if (made := _correct_rule(rule, changes)) != [rule]
-    }
+        if isinstance(one, ColumnCorrection):
+            key = _find_key(one, recording)
+            changes[key] = _join(changes.get(key, {}), one.changes)
+    rules = enumerate(log_map.signals)
+    made = {number: (rule, _correct_rule(rule, changes)) for number, rule in rules}
+    return {number: new for number, (old, new) in made.items() if new != [old]}
+
+
+def _join(first: Changes, then: Changes) -> Changes:
+    """The changes of two faults, one after the other."""
+    joined: Changes = {**first, **then}
+    if "sign" in first and "sign" in then:
+        joined["sign"] = np.multiply(first["sign"], then["sign"]).tolist()
+    if "scale" in first and "scale" in then:
+        joined["scale"] = first["scale"] * then["scale"]
+    return joined
 
 
 def _find_key(one: ColumnCorrection, recording: Recording) -> Key:
@@ -53,19 +54,17 @@ def _find_key(one: ColumnCorrection, recording: Recording) -> Key:
     return signal.kind, signal.target
 
 
-def _correct_rule(
-    rule: ColumnRule, changes: Mapping[Key, dict[str, Any]]
-) -> list[ColumnRule]:
+def _correct_rule(rule: ColumnRule, changes: Mapping[Key, Changes]) -> list[ColumnRule]:
     """What a rule becomes: one for the columns of each change that parts it."""
-    targets = rule.targets or _list_stars(rule, changes)
-    found = [changes.get((rule.kind, target), {}) for target in targets]
+    # targets that stand for a star are known as far as changes name them
+    targets = rule.targets or [to for kind, to in changes if kind == rule.kind]
+    found = [changes.get((rule.kind, target), Changes()) for target in targets]
     if not any(found):
         return [rule]
     parts = dict[str, list[int]]()
     for k, change in enumerate(found):
-        parting = {
-            n: v for n, v in change.items() if n not in ("sign", "scale", "missing")
-        }
+        shared = (*FACTORS, "missing")
+        parting = {n: v for n, v in change.items() if n not in shared}
         parts.setdefault(json.dumps(parting), []).append(k)
     if len(parts) > 1 and isinstance(rule.columns, str) and rule.targets:
         return [rule]  # only the log says which column is whose
@@ -73,16 +72,9 @@ def _correct_rule(
     for members in parts.values():
         part = rule if len(parts) == 1 else _take(rule, targets, members)
         own = [found[k] for k in members]
-        if not any(SKIP in change for change in own):
-            made.append(_change(part, own, [targets[k] for k in members]))
+        if not any("skip" in change for change in own):
+            made.append(_change(part, own))
     return made
-
-
-def _list_stars(
-    rule: ColumnRule, changes: Mapping[Key, dict[str, Any]]
-) -> Sequence[str]:
-    """Targets that stand for a star, as far as changes name them."""
-    return [target for kind, target in changes if kind == rule.kind]
 
 
 def _take(rule: ColumnRule, targets: Sequence[str], members: list[int]) -> ColumnRule:
@@ -92,47 +84,43 @@ def _take(rule: ColumnRule, targets: Sequence[str], members: list[int]) -> Colum
         columns = [rule.columns.replace("*", name) for name in names]
         return replace(rule, columns=columns, targets=names)
     width = max(1, len(rule.columns) // len(targets))
-    columns = [rule.columns[k * width + i] for k in members for i in range(width)]
-    spread = dict[str, Any]()
-    for name in ("sign", "scale", "offset"):
-        value = getattr(rule, name)
-        if isinstance(value, list):
-            spread[name] = [value[k * width + i] for k in members for i in range(width)]
-    return replace(rule, columns=columns, targets=names, **spread)
+    places = [k * width + i for k in members for i in range(width)]
+    spread: dict[str, Any] = {
+        name: [value[place] for place in places]
+        for name in ("columns", *FACTORS, "offset")
+        if isinstance(value := getattr(rule, name), list)
+    }
+    return replace(rule, targets=names, **spread)
 
 
-def _change(
-    rule: ColumnRule, changes: Sequence[dict[str, Any]], targets: Sequence[str]
-) -> ColumnRule:
+def _change(rule: ColumnRule, changes: Sequence[Changes]) -> ColumnRule:
     """A rule whose columns are read otherwise, by the changes of each target."""
     first = changes[0]
     if ends := first.get("from_range"):
-        rule = replace(rule, from_range=tuple(ends), to_range=None, unit="", sign=1,
-                       scale=1.0, offset=0.0)  # fmt: skip
-        if "to_range" in first:
-            rule = replace(rule, to_range=tuple(first["to_range"]))
-    if "targets" in first:
-        rule = replace(rule, targets=first["targets"])
+        rule = replace(rule, sign=1, scale=1.0, offset=0.0, unit="", from_range=ends)
+        rule = replace(rule, to_range=first.get("to_range"))
     if "columns" in first and isinstance(rule.columns, list):
         rule = replace(rule, columns=[rule.columns[k] for k in first["columns"]])
-    said = {n: c[n] for n in _RULE for c in changes if n in c}
-    if "delay" in said:
-        said["delay"] += rule.delay
-    rule = replace(rule, **said)
-    width = len(rule.columns) // len(targets) if isinstance(rule.columns, list) else 1
-    for name in ("sign", "scale"):
+    rule = replace(
+        rule,
+        targets=first.get("targets", rule.targets),
+        order=first.get("order", rule.order),
+        delay=rule.delay + first.get("delay", 0.0),
+        missing=next((c["missing"] for c in changes if "missing" in c), rule.missing),
+    )
+    width = len(rule.columns) // len(changes) if isinstance(rule.columns, list) else 1
+    for name in FACTORS:
         by = [np.broadcast_to(c.get(name, 1), max(1, width)) for c in changes]
         factor = np.concatenate(by)
         if (factor != 1).any():
-            rule = replace(rule, **{
-                name: _shorten(np.array(getattr(rule, name)) * factor),
-                "offset": _shorten(np.array(rule.offset) * factor),
-            })  # fmt: skip
+            old = {key: np.array(getattr(rule, key)) for key in (name, "offset")}
+            new: dict[str, Any] = {k: _shorten(x * factor) for k, x in old.items()}
+            rule = replace(rule, **new)
     return rule
 
 
-def _shorten(values: Any) -> Any:
-    """One number where all are alike, else a list."""
+def _shorten(values: np.ndarray) -> float | list[float]:
+    """One number where all of (n) are alike, else a list."""
     numbers = np.round(np.atleast_1d(values), 12).tolist()
     whole = [int(x) if float(x).is_integer() else x for x in numbers]
     return whole[0] if len(set(whole)) == 1 else whole

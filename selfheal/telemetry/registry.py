@@ -1,27 +1,17 @@
-"""The checks of a log: what each is called, which faults it finds, when it is asked."""
+"""The checks of a log: their names, the faults that they find, their order."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from importlib import import_module
-from typing import Any
+from typing import NamedTuple
 
 
-@dataclass(frozen=True)
-class Check:
-    """A check: the function `find` of a module in `checks`.
+class Check(NamedTuple):
+    """A check: the name of its module in `checks`, and the kinds of faults it finds.
 
-    Attributes:
-        name: of the module.
-        kinds: of faults that it finds, by name: whether physics is meaningless then.
+    Of each kind it is known whether physics is meaningless then.
     """
 
     name: str
     kinds: Mapping[str, bool]
-
-    def find(self, context: Any) -> list[Any]:
-        """The faults of a `Context`, as `Fault`; what is known of it may change."""
-        module = import_module(f"{__package__}.checks.{self.name}")
-        return list(module.find(context))
 
 
 COLUMNS = {"sign": True, "unit": True, "exchange": True}
@@ -36,9 +26,11 @@ READINGS = (
 # of the model: where one finds that physics is meaningless, no forces are looked at
 SETUP = (
     Check("clock_drift", {"clock_drift": False}),
-    Check("model_setup",
-          {"free_base": True, "actuator_type": True, "permanent_contact": False}),
-)  # fmt: skip
+    Check(
+        "model_setup",
+        {"free_base": True, "actuator_type": True, "permanent_contact": False},
+    ),
+)
 # of single episodes; the first that finds one decides
 EPISODES = (
     Check("episode_columns", {"odd_episode": False}),

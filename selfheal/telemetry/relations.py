@@ -20,7 +20,7 @@ FAR_BETTER = 0.25
 # ratio of two columns beyond which one has another unit; chosen: diagnose grants a
 # gain of 0.3 to 3
 UNIT_RATIO = 3.5
-# names of ratios: what was written over what the contract asks; exact by definition
+# names of ratios: what was written over what the format has; exact by definition
 UNITS = {
     "degrees": 180 / np.pi,
     "revolutions": 1 / (2 * np.pi),
@@ -29,9 +29,11 @@ UNITS = {
     "hundredths or percent": 1e2,
     "thousands": 1e-3,
     "radians where degrees were expected": np.pi / 180,
-    **{f"counts of {n} a turn": n / (2 * np.pi) for n in (1000, 1024, 2048, 4096,
-       8192, 16384, 32768, 65536)},
-}  # fmt: skip
+    **{
+        f"counts of {n} a turn": n / (2 * np.pi)
+        for n in (1000, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
+    },
+}
 # names of shares of a joint's range: what is written at its upper end; chosen: LeRobot
 # writes grippers in percent, Robotiq and others as a byte
 SHARES = {"percent of the range": 100.0, "bytes, 0 to 255 over the range": 255.0}
@@ -55,11 +57,11 @@ class Relation:
     """
 
     rows: int
-    lag: int
-    r: float
-    here: float
-    opposite: float
-    ratio: float
+    lag: int = 0
+    r: float = np.nan
+    here: float = np.nan
+    opposite: float = 0.0
+    ratio: float = np.nan
 
     @property
     def is_known(self) -> bool:
@@ -99,27 +101,25 @@ def relate(x: Floats, y: Floats, episode: NDArray[np.int_], lags: range) -> Rela
     """
     both = np.isfinite(x) & np.isfinite(y)
     rows = int(both.sum())
-    unknown = Relation(rows, 0, np.nan, np.nan, 0.0, np.nan)
     if rows < MIN_ROWS:
-        return unknown
+        return Relation(rows)
     x, y = center(x, episode), center(y, episode)
     found, nothing = {}, 1e-9
     for lag in lags:
         if len(x) - abs(lag) < MIN_ROWS:
             continue
-        late = y[lag:] if lag >= 0 else y[:lag]
-        early = x[: len(x) - lag] if lag >= 0 else x[-lag:]
-        a, b = np.nan_to_num(early), np.nan_to_num(late)
-        one = np.isfinite(early) & np.isfinite(late)
-        one &= _same_episode(episode, lag)
+        early = slice(max(-lag, 0), len(x) - max(lag, 0))
+        late = slice(max(lag, 0), len(x) - max(-lag, 0))
+        a, b = x[early], y[late]
+        one = np.isfinite(a) & np.isfinite(b) & (episode[early] == episode[late])
         if one.sum() < max(MIN_ROWS, rows // 2):
             continue
-        a, b = a * one, b * one
+        a, b = np.nan_to_num(a) * one, np.nan_to_num(b) * one
         size = np.sqrt((a @ a) * (b @ b))
         found[lag] = float(a @ b / size) if size > 0 else 0.0
     spread = measure_spread(x), measure_spread(y)
     if not found or min(spread) < nothing:
-        return unknown
+        return Relation(rows)
     lag = max(found, key=lambda k: (abs(found[k]), -abs(k)))
     r = found[lag]
     opposite = max((abs(v) for v in found.values() if v * r < 0), default=0.0)
@@ -150,11 +150,6 @@ def measure_spread(x: Floats) -> float:
     return float(np.std(known)) if known.size else 0.0
 
 
-def _same_episode(episode: NDArray[np.int_], lag: int) -> NDArray[np.bool_]:
-    n = abs(lag)
-    return np.ones(len(episode), bool) if not n else episode[n:] == episode[:-n]
-
-
 def center(x: Floats, episode: NDArray[np.int_]) -> Floats:
     """Values (N) without the mean of each episode."""
     known = np.isfinite(x)
@@ -179,22 +174,21 @@ def list_units(span: float = 0.0) -> dict[str, float]:
     return {**UNITS, **shares}
 
 
-def correlation_p_value(r: float, rows: int, independent: float) -> float:
-    """Probability of a correlation of that size by chance (Fisher's z).
+def correlation_p_value(relation: Relation, independent: float) -> float:
+    """Probability of such a correlation by chance (Fisher's z).
 
     Args:
-        r: correlation [1].
         independent: rows from one independent reading to the next.
     """
     from scipy.stats import norm
 
-    n = rows / independent
-    z = np.arctanh(min(abs(r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
+    n = relation.rows / independent
+    z = np.arctanh(min(abs(relation.r), 1 - 1e-12)) * np.sqrt(max(n - 3, 0.1))
     return float(2 * norm.sf(z))
 
 
-def f_test(given: float, left: float, count: float) -> float:
-    """Probability of such mean squares before and after by chance, by an F test."""
+def f_test(given: float, left: float, *counts: float) -> float:
+    """Probability of such mean squares, of so many rows each, by chance (F test)."""
     from scipy.stats import f
 
-    return float(f.sf(given / max(left, 1e-12), count, count))
+    return float(f.sf(given / max(left, 1e-12), *counts))

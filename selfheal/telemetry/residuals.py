@@ -62,15 +62,20 @@ class Explainer(ABC):
     """What explains the motion of one recording, in the same rows for every map.
 
     Attributes:
-        states: of the recording.
-        series: of the recording.
-        model: of the robot, as it is given.
+        limits: shares [1] that a log must leave to be doubted, and that one which is
+            read otherwise may leave.
+        says: what is the case then.
+        basis: of the p-value of that.
         reason: why it explains nothing; "" where it does.
         rows: (n) of the series.
         block: (n) number of the block of each.
         count: of these blocks.
         names: (n) id of the episode of each row.
     """
+
+    limits: tuple[float, float]
+    says: str
+    basis: str
 
     def __init__(self, states: States) -> None:
         """Explain nothing where the states are not known."""
@@ -104,11 +109,6 @@ class Explainer(ABC):
 
 
 def average_blocks(values: Floats, block: np.ndarray, count: int) -> Floats:
-    """Mean (count) of values (n) in each of so many blocks; 0 where it has none.
-
-    Args:
-        values: (n).
-        block: (n) number of each one's block.
-    """
+    """Mean (count) of values (n) in each of so many blocks (n); 0 where it has none."""
     rows = np.maximum(np.bincount(block, minlength=count), 1)
     return np.bincount(block, values, minlength=count) / rows

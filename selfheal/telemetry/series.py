@@ -33,7 +33,7 @@ class Series:
         step: of the grid [s].
         kernel: standard deviation of the kernel [s].
         episode: (N) number of the episode of each row.
-        block: (N) number of the block, about `BLOCK_SECONDS` long.
+        block: (N) number of its block, about `BLOCK_SECONDS` long.
         ids: of the episodes, by number.
         signals: (N, d, 3) of each signal: smoothed value [unit], slope [unit/s],
             curvature [unit/s^2]; NaN where nothing was read nearby.
@@ -102,26 +102,21 @@ def build_series(recording: Recording) -> Series:
         number.append(np.full(at.size, i))
         block.append(first + np.arange(at.size) * count // at.size)
         first += count
-        for n in signals:
-            if n not in e.signals:
-                signals[n].append(np.full((at.size, widths[n], 3), np.nan))
-                continue
-            values = e.signals[n].values.reshape(e.time.size, -1)[rows]
-            if e.signals[n].kind == "body_orientation":
+        for n, pieces in signals.items():
+            values = np.full((time.size, widths[n]), np.nan)
+            if s := e.signals.get(n):
+                values = s.values.reshape(e.time.size, -1)[rows]
+            if s and s.kind == "body_orientation":
                 values = align_signs(values)
-            signals[n].append(_smooth(time, values, at, kernel, held=False))
-        for n in actuators:
+            pieces.append(_smooth(time, values, at, kernel, held=False))
+        for n, led in commands.items():
             sent = e.ctrl[rows][:, [e.ctrl_names.index(n)]]
-            commands[n].append(_smooth(time, sent, at, kernel, held=True)[:, 0])
-    return Series(
-        step,
-        kernel,
-        np.concatenate(number),
-        np.concatenate(block),
-        tuple(name for name, _, _ in parts),
-        {n: np.concatenate(pieces) for n, pieces in signals.items()},
-        {n: np.concatenate(pieces) for n, pieces in commands.items()},
-    )
+            led.append(_smooth(time, sent, at, kernel, held=True)[:, 0])
+    ids = tuple(name for name, _, _ in parts)
+    read = {n: np.concatenate(pieces) for n, pieces in signals.items()}
+    ctrl = {n: np.concatenate(pieces) for n, pieces in commands.items()}
+    episode, blocks = np.concatenate(number), np.concatenate(block)
+    return Series(step, kernel, episode, blocks, ids, read, ctrl)
 
 
 def _list_parts(episode: Episode) -> list[slice]:

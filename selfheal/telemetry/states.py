@@ -46,9 +46,6 @@ class States:
     """The states of a robot, as far as a recording has them.
 
     Attributes:
-        model: of the robot.
-        joints: by name.
-        series: of the recording.
         bases: names of the bodies with free joints whose pose is read, by the joint.
         poses: signals of place and turn of each of these bodies, by its name.
         reason: why the states are not known; "" where they are.
@@ -84,9 +81,8 @@ class States:
         for base in set(list_free_joints(m)) - set(self.bases):
             name = m.body(m.jnt_bodyid[base]).name
             advice = " ".join(correct_base(m, name))
-            return (
-                f"the pose of {name!r}, which has a free joint, is not read: {advice}"
-            )
+            said = f"the pose of {name!r}, which has a free joint, is not read"
+            return f"{said}: {advice}"
         if lost := [j.name for j in self.joints.values() if not j.position]:
             return f"the position of joint {lost[0]!r} is not read"
         return ""
@@ -102,7 +98,7 @@ class States:
             known &= np.isfinite(self.series.signals[name][:, :, 2]).all(axis=1)
         return known
 
-    def choose_rows(self, known: np.ndarray | bool = True) -> np.ndarray:
+    def choose_rows(self, known: np.ndarray | bool) -> np.ndarray:
         """Rows (n), evenly out of those where all and what else is needed is known."""
         return thin(np.flatnonzero(known & self.find_known()), MAX_ROWS)
 
@@ -121,13 +117,10 @@ class States:
         for base, body in self.bases.items():
             at, to = m.jnt_qposadr[base], m.jnt_dofadr[base]
             place, turn = (self.series.signals[n][rows] for n in self.poses[body])
-            q[:, at : at + 3], v[:, to : to + 3], a[:, to : to + 3] = np.moveaxis(
-                place, 2, 0
-            )
+            three, later = slice(to, to + 3), slice(to + 3, to + 6)
+            q[:, at : at + 3], v[:, three], a[:, three] = np.moveaxis(place, 2, 0)
             turn = turn[:, list(column_map.order.get(body, W_X_Y_Z))]
-            q[:, at + 3 : at + 7], v[:, to + 3 : to + 6], a[:, to + 3 : to + 6] = (
-                compute_rates(turn)
-            )
+            q[:, at + 3 : at + 7], v[:, later], a[:, later] = compute_rates(turn)
         return q, v, a
 
     def compute_commands(self, column_map: ColumnMap, rows: np.ndarray) -> Floats:
@@ -181,7 +174,7 @@ def correct_base(model: "mujoco.MjModel", body: str) -> tuple[str, str]:
     """What to do about a body with a free joint whose pose nothing reads."""
     drives = "" if model.nu else "--kp KP "
     return (
-        f"leave out the free joint of {body}, if the robot hangs or is bolted down "
+        f"leave out the free joint of {body}, if the robot is suspended or bolted down "
         f"(selfheal model prepare ROBOT.xml {drives}--weld-base --out m.xml),",
         'or log its pose: [[signals]] kind = "body_position" and "body_orientation", '
         f'targets = ["{body}"]',

@@ -6,13 +6,12 @@ stand whatever physics a model lacks: each of it is a term with a bounded coeffi
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..recording.data import Floats
 
-# bounds of what missing physics may do, as shares of what the model states; chosen so
+# bounds of what missing physics may do, as shares of the model's values; chosen so
 # that it stays physics: gains, masses and gravity keep their sign, friction dissipates
 GAIN = (-0.7, 1.5)  # of an actuator
 DELAY = (-0.02, 0.12)  # [s] of a command
@@ -28,7 +27,6 @@ class Terms:
     """The torques of a degree of freedom as a sum with bounded coefficients.
 
     Attributes:
-        dof: its number in the model.
         parts: (n) its torques, as `TorqueBalance.compute_torques` has them [N m or N].
         missing: (n) torque of the actuators without that of the motion [N m or N].
         x: (n, k) terms of missing physics; the first two are gain and delay of the
@@ -53,7 +51,7 @@ class Terms:
         return self.missing + self.x @ coefficients
 
     def fit_others(
-        self, fold: np.ndarray, usable: np.ndarray | bool = True
+        self, fold: np.ndarray, usable: np.ndarray | bool
     ) -> Iterator[tuple[np.ndarray, Floats]]:
         """Whether rows (n) are of a fold, and coefficients (k) of the usable others."""
         for number in np.unique(fold):
@@ -75,27 +73,25 @@ def make_terms(
     coupling = parts["all"] - hold - parts["own"]
     usual = float(np.sqrt(np.mean(parts["v"] ** 2))) + 1e-12
     inf = np.inf
-    terms = [
-        (act, GAIN), (parts["late"], DELAY), (-hold, GRAVITY), (-coupling, COUPLING),
-        (-parts["own"], INERTIA), (-parts["v"], (-1.5 * damping, inf)),
+    terms = (
+        (act, GAIN),
+        (parts["late"], DELAY),
+        (-hold, GRAVITY),
+        (-coupling, COUPLING),
+        (-parts["own"], INERTIA),
+        (-parts["v"], (-1.5 * damping, inf)),
         (-np.tanh(parts["v"] / (DRY_RATE * usual)), (0.0, inf)),
         (-parts["q"], (SPRING[0] * stiffness, SPRING[1] * stiffness)),
         (np.ones_like(act), (-inf, inf)),
-    ]  # fmt: skip
-    return Terms(
-        dof, parts, act - parts["all"], np.stack([t for t, _ in terms], axis=1),
-        np.array([b for _, b in terms]).T, parts["own"] ** 2 + hold**2 + coupling**2,
-    )  # fmt: skip
+    )
+    x = np.stack([t for t, _ in terms], axis=1)
+    size = parts["own"] ** 2 + hold**2 + coupling**2
+    bounds = np.array([b for _, b in terms]).T
+    return Terms(dof, parts, act - parts["all"], x, bounds, size)
 
 
 def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
-    """Coefficients (k) by which a bounded sum of terms is nearest to values.
-
-    Args:
-        x: (n, k) terms.
-        y: (n) values.
-        bounds: (2, k) least and largest coefficients.
-    """
+    """Coefficients (k) in bounds (2, k) whose sum of terms (n, k) fits values (n)."""
     from scipy.optimize import lsq_linear
 
     if not len(x):
@@ -105,12 +101,12 @@ def solve_bounded(x: Floats, y: Floats, bounds: Floats) -> Floats:
     if not used.any() or len(x) <= used.sum():
         return np.zeros(x.shape[1])
     scale = size[used]
-    r: Any = np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r")
+    r = np.asarray(np.linalg.qr(np.column_stack([x[:, used] / scale, y]), mode="r"))
     low, high = bounds[0, used] * scale, bounds[1, used] * scale
-    problem = {"A": r[:, :-1], "b": r[:, -1], "bounds": (low, high + 1e-15)}
-    found = lsq_linear(**problem, method="bvls")
+    problem = r[:, :-1], r[:, -1], (low, high + 1e-15)
+    found = lsq_linear(*problem, method="bvls")
     if found.status in (0, 2):  # out of iterations, or at a step that a bound stopped
-        found = lsq_linear(**problem, method="trf")
+        found = lsq_linear(*problem, method="trf")
     out = np.zeros(x.shape[1])
     out[used] = found.x / scale
     return out

@@ -45,7 +45,7 @@ def _draw_goals(rng, time):
 
 
 def record(
-    given: str, real: str | None = None, *, velocities=True, count=EPISODES
+    given: str, real: str | None = None, *, velocities: bool, count: int = EPISODES
 ) -> Recording:
     """What the arm `real` does; what is read has the noise of encoders."""
     rng = np.random.default_rng(3)
@@ -86,7 +86,7 @@ def make_arm():
 def servo_arm():
     """The servo arm: model and recording."""
     xml = ARM.replace("ACTUATORS", SERVOS)
-    return mujoco.MjModel.from_xml_string(xml), record(xml)
+    return mujoco.MjModel.from_xml_string(xml), record(xml, velocities=True)
 
 
 @pytest.fixture(scope="session")
@@ -96,9 +96,7 @@ def pid_arm(servo_arm):
     xml = ARM.replace("ACTUATORS", SERVOS)
     xml = xml.replace('<position name="s"', '<pid name="s" posrange="-1.5 1.5"')
     episodes = {
-        k: replace(
-            e, ctrl=np.insert(e.ctrl, 1, 0.0, axis=1), ctrl_names=("s", "s", "e")
-        )
+        k: replace(e, ctrl=np.insert(e.ctrl, 1, 0, axis=1), ctrl_names=("s", "s", "e"))
         for k, e in recording.episodes.items()
     }
     return mujoco.MjModel.from_xml_string(xml), replace(recording, episodes=episodes)
@@ -117,7 +115,7 @@ def missing_physics():
     xml = ARM.replace("ACTUATORS", SERVOS)
     real = xml.replace('damping="0.1"', 'damping="0.4" frictionloss="0.3"')
     real = real.replace('mass="0.4"', 'mass="0.7"').replace('kp="15"', 'kp="9"')
-    return mujoco.MjModel.from_xml_string(xml), record(xml, real)
+    return mujoco.MjModel.from_xml_string(xml), record(xml, real, velocities=True)
 
 
 @pytest.fixture(scope="session")

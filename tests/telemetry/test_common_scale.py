@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Recording
 from selfheal.telemetry import check_telemetry
 from tests.support.logs.edited_logs import DEGREES, RATE, drive
 
@@ -38,8 +38,9 @@ def _record(model, scale):
             for f in rng.uniform(0.2, 1.5, 3)
         )
         q = drive(model, goal[:, None])[:, 0] + rng.normal(0, 1e-4, len(goal))
-        read = Signal(scale * q, "joint_position", "j", "rad")
-        episodes[str(k)] = Episode(time, scale * goal[:, None], ("s",), {"q": read})
+        read = {"joint_position": {"j": scale * q}}
+        made = Recording.from_arrays(time, {"s": scale * goal}, read)
+        episodes[str(k)] = made.episodes["000"]
     return Recording(episodes)
 
 
@@ -49,7 +50,7 @@ def _units(recording, model):
 
 def test_a_pendulum_under_gravity_tells_degrees_of_position_and_command():
     model = _make(DOWN)
-    assert _units(_record(model, DEGREES), model) == [("q", "s")]
+    assert _units(_record(model, DEGREES), model) == [("j_position", "s")]
     assert _units(_record(model, 1.0), model) == []
 
 

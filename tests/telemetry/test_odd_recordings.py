@@ -21,24 +21,30 @@ ARM = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 FREE = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
 <body name="b" pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody></mujoco>"""
 SIGNALS = {
-    ARM: [("joint_position", "a", "rad", 1), ("joint_velocity", "a", "rad/s", 1),
-          ("joint_position", "b", "m", 1), ("joint_torque", "a", "N m", 1),
-          ("sensor", "g", "rad/s", 3)],
-    FREE: [("body_position", "b", "m", 3), ("body_orientation", "b", "1", 4),
-           ("body_angular_velocity", "b", "rad/s", 3)],
-}  # fmt: skip
+    ARM: [
+        ("joint_position", "a", "rad", 1),
+        ("joint_velocity", "a", "rad/s", 1),
+        ("joint_position", "b", "m", 1),
+        ("joint_torque", "a", "N m", 1),
+        ("sensor", "g", "rad/s", 3),
+    ],
+    FREE: [
+        ("body_position", "b", "m", 3),
+        ("body_orientation", "b", "1", 4),
+        ("body_angular_velocity", "b", "rad/s", 3),
+    ],
+}
 CHANGES = {
     "noise": lambda values, rng: values,
     "zeros": lambda values, rng: 0 * values,
     "missing": lambda values, rng: values * np.nan,
-    "gaps": lambda values, rng: np.where(
-        rng.random(values.shape) < 0.6, np.nan, values
-    ),
+    "gaps": lambda values, rng: values * rng.choice([1, np.nan], values.shape),
     "huge": lambda values, rng: 1e8 * values,
 }
 
 
-def _make_signal(change, rows, rng, kind, target, unit, width):
+def _make_signal(change, rows, rng, what):
+    kind, target, unit, width = what
     values = CHANGES[change](rng.normal(size=(rows, width)), rng)
     if kind == "body_orientation":
         values = values / np.linalg.norm(values, axis=1, keepdims=True)
@@ -55,15 +61,12 @@ def test_odd_recordings_do_no_harm(model, change):
         episodes = {}
         for number in range(count):
             time = np.cumsum(rng.random(rows) * 0.02 + 1e-4)
-            ctrl = rng.normal(size=(rows, compiled.nu))
+            ctrl, names = rng.normal(size=(rows, compiled.nu)), "ab"[: compiled.nu]
             signals = {
-                f"{kind} {target}": _make_signal(
-                    change, rows, rng, kind, target, unit, width
-                )
-                for kind, target, unit, width in SIGNALS[model]
+                f"{what[0]} {what[1]}": _make_signal(change, rows, rng, what)
+                for what in SIGNALS[model]
             }
-            names = tuple("ab"[: compiled.nu])
-            episodes[str(number)] = Episode(time, ctrl, names, signals)
+            episodes[str(number)] = Episode(time, ctrl, tuple(names), signals)
         examine_telemetry(Recording(episodes), compiled)
 
 

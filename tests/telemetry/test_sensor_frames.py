@@ -23,20 +23,24 @@ HEAD = """<mujoco><compiler angle="radian"/><worldbody><body>
 FRAMES = Rotation.create_group("O")
 
 
+def _sum_waves(waves, order, time):
+    """The derivative of an order of a sum of sines, in each of some times (T)."""
+    return sum(
+        a * w**order * np.sin(w * time + p + order * np.pi / 2) for a, w, p in waves
+    )
+
+
 @pytest.fixture(scope="module")
 def recording():
     """What the head reads as its motors move it."""
     model = mujoco.MjModel.from_xml_string(HEAD)
     data, rng = mujoco.MjData(model), np.random.default_rng(2)
     time = np.arange(800) / 100
-    waves = [(a, w, p) for a, w, p in rng.uniform((0.2, 1, 0), (0.5, 5, 6), (6, 3))]
+    waves = rng.uniform((0.2, 1, 0), (0.5, 5, 6), (6, 3))
     q, v, acc = (
-        np.stack([
-            sum(a * w**n * np.sin(w * time + p + n * np.pi / 2) for a, w, p in part)
-            for part in (waves[:3], waves[3:])
-        ], axis=1)
+        np.stack([_sum_waves(part, n, time) for part in (waves[:3], waves[3:])], axis=1)
         for n in range(3)
-    )  # fmt: skip
+    )
     read, ctrl = np.empty((len(time), 6)), np.empty((len(time), 2))
     for k in range(len(time)):
         data.qpos[:], data.qvel[:], data.qacc[:] = q[k], v[k], acc[k]
@@ -54,8 +58,10 @@ def recording():
 
 def _turn(recording, rotation):
     e = recording.episodes["0"]
-    turned = {n: replace(e.signals[n], values=rotation.apply(e.signals[n].values))
-              for n in ("gyro", "acc")}  # fmt: skip
+    turned = {
+        n: replace(e.signals[n], values=rotation.apply(e.signals[n].values))
+        for n in ("gyro", "acc")
+    }
     return Recording({"0": replace(e, signals={**e.signals, **turned})})
 
 
@@ -69,8 +75,8 @@ def test_the_site_that_is_told_explains_the_readings(recording, rotation):
     assert fault.kind == "sensor_frame" and fault.is_decisive
     assert set(fault.columns) == {"gyro", "acc"} and fault.target == "board"
     quat = re.search('quat="[^"]*"', str(fault.corrections[0]))[0]
-    mended = mujoco.MjModel.from_xml_string(HEAD.replace('quat="1 0 0 0"', quat))
-    assert check_telemetry(turned, mended) == []
+    corrected = mujoco.MjModel.from_xml_string(HEAD.replace('quat="1 0 0 0"', quat))
+    assert check_telemetry(turned, corrected) == []
 
 
 def test_a_board_that_stands_as_its_site_does_is_no_fault(recording):

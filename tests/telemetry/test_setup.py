@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.recording import Episode, Recording, Signal
+from selfheal.recording import Recording, Signal
 from selfheal.telemetry import check_telemetry, examine_telemetry
 from tests.support.logs.edited_logs import RATE, drive
 
@@ -49,19 +49,9 @@ def leg():
     time = np.arange(800) / RATE
     goals = np.stack([0.7 * np.sin(2 * time), 0.5 * np.sin(5 * time)], axis=1)
     rows = drive(model, goals) + rng.normal(0, 3e-4, goals.shape)
-    signals = {
-        name: Signal(read, "joint_position", name, "rad")
-        for name, read in zip(("hip", "knee"), rows.T, strict=True)
-    }
-    return Recording({"0": Episode(time, goals, ("h", "k"), signals)})
-
-
-def _without_commands(recording):
-    episodes = {
-        k: replace(e, ctrl=e.ctrl[:, :0], ctrl_names=())
-        for k, e in recording.episodes.items()
-    }
-    return replace(recording, episodes=episodes)
+    ctrl = dict(zip("hk", goals.T, strict=True))
+    read = dict(zip(("hip", "knee"), rows.T, strict=True))
+    return Recording.from_arrays(time, ctrl, {"joint_position": read})
 
 
 def test_goals_that_are_sent_to_motors_are_told_with_the_servos(servo_arm, make_arm):
@@ -69,8 +59,9 @@ def test_goals_that_are_sent_to_motors_are_told_with_the_servos(servo_arm, make_
     model = make_arm(motors)
     found = check_telemetry(servo_arm[1], model)
     assert [(f.kind, f.columns, f.target) for f in found] == [
-        ("actuator_type", ("s",), "shoulder"), ("actuator_type", ("e",), "elbow")
-    ]  # fmt: skip
+        ("actuator_type", ("s",), "shoulder"),
+        ("actuator_type", ("e",), "elbow"),
+    ]
     assert all(f.is_decisive for f in found)
     assert '<position name="e" joint="elbow" kp="KP" kv="KV"/>' in map(
         str, found[1].corrections
@@ -86,13 +77,17 @@ def test_torques_that_hold_a_weight_are_no_goals():
     time, rng = np.arange(3000) / 100, np.random.default_rng(0)
     angle = 0.4 * np.sin(0.5 * time) + 0.1 * np.sin(1.3 * time)
     torque = 0.5 * 9.81 * 0.2 * np.sin(angle)
-    read = Signal(angle + rng.normal(0, 1e-3, 3000), "joint_position", "j", "rad")
-    recording = Recording({"0": Episode(time, torque[:, None], ("m",), {"q": read})})
+    read = {"joint_position": {"j": angle + rng.normal(0, 1e-3, 3000)}}
+    recording = Recording.from_arrays(time, {"m": torque}, read)
     assert check_telemetry(recording, mujoco.MjModel.from_xml_string(xml)) == []
 
 
 def test_a_driven_robot_without_actuators_is_told(servo_arm, make_arm):
-    (fault,) = check_telemetry(_without_commands(servo_arm[1]), make_arm(""))
+    episodes = {
+        k: replace(e, ctrl=e.ctrl[:, :0], ctrl_names=())
+        for k, e in servo_arm[1].episodes.items()
+    }
+    (fault,) = check_telemetry(Recording(episodes), make_arm(""))
     assert fault.kind == "no_actuator" and fault.is_decisive
     assert "selfheal model prepare" in fault.corrections[0]
 
@@ -105,11 +100,8 @@ def test_a_robot_that_nothing_drives_needs_no_actuators(make_arm):
     for _ in time:
         rows.append(data.qpos + rng.normal(0, 3e-4, 2))
         mujoco.mj_step(real, data, 5)
-    signals = {
-        name: Signal(read, "joint_position", name, "rad")
-        for name, read in zip(("shoulder", "elbow"), np.array(rows).T, strict=True)
-    }
-    swing = Recording({"0": Episode(time, np.empty((1000, 0)), (), signals)})
+    read = dict(zip(("shoulder", "elbow"), np.array(rows).T, strict=True))
+    swing = Recording.from_arrays(time, {}, {"joint_position": read})
     found = examine_telemetry(swing, make_arm(""))
     assert found.faults == () and found.unchecked == ()
 

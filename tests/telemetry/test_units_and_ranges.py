@@ -68,32 +68,40 @@ def test_a_range_that_is_too_narrow_is_no_unit(servo_arm):
     assert fault.kind == "joint_range" and not fault.is_decisive
 
 
-def _limit_command(model, low, high):
+def _limit_command(model, control, low, high):
     limited = copy.copy(model)
-    limited.actuator_ctrllimited[1] = 1
-    limited.actuator_ctrlrange[1] = low, high
+    limited.actuator_ctrllimited[control] = 1
+    limited.actuator_ctrlrange[control] = low, high
     return limited
 
 
 def test_a_command_beyond_its_range_is_told_with_the_range_that_would_hold(servo_arm):
     model, recording = servo_arm
     sent = np.concatenate([e.ctrl[:, 1] for e in recording.episodes.values()])
-    assert check_telemetry(recording, _limit_command(model, -9, 9)) == []
-    (fault,) = check_telemetry(recording, _limit_command(model, -9, 0.5))
+    assert check_telemetry(recording, _limit_command(model, 1, -9, 9)) == []
+    (fault,) = check_telemetry(recording, _limit_command(model, 1, -9, 0.5))
     assert (fault.kind, fault.columns) == ("command_range", ("e",))
     assert f"{sent.max():.4g}" in fault.describe() and not fault.is_decisive
+
+
+def test_each_control_of_a_pid_has_its_own_range_and_all_one_unit(pid_arm):
+    model, recording = pid_arm
+    found = check_telemetry(recording, _limit_command(model, 0, -0.01, 0.01))
+    assert [(f.kind, f.columns) for f in found] == [("command_range", ("s_pos",))]
+    wrong = edit(recording, lambda t, x: x, ctrl=(57.3, 57.3, 1.0))
+    found = check_telemetry(wrong, model)
+    assert ("unit", ("s_pos", "s_vel")) in [(f.kind, f.columns) for f in found]
 
 
 def _read_torques(recording, *columns):
     """The recording with the torques of both motors, from some columns of ctrl."""
     rng, episodes = np.random.default_rng(0), {}
     for k, e in recording.episodes.items():
-        read = {
-            f"tau_{a}": Signal(e.ctrl[:, c] + rng.normal(0, 0.01, len(e.time)),
-                               "joint_torque", a, "N m")
-            for a, c in zip("se", columns, strict=True)
-        }  # fmt: skip
-        episodes[k] = replace(e, signals={**e.signals, **read})
+        signals = dict(e.signals)
+        for a, c in zip("se", columns, strict=True):
+            read = e.ctrl[:, c] + rng.normal(0, 0.01, len(e.time))
+            signals[f"tau_{a}"] = Signal(read, "joint_torque", a, "N m")
+        episodes[k] = replace(e, signals=signals)
     return replace(recording, episodes=episodes)
 
 
@@ -103,25 +111,6 @@ def test_exchanged_torques_are_told(torque_arm):
     (fault,) = check_telemetry(_read_torques(recording, 1, 0), model)
     assert (fault.kind, set(fault.columns)) == ("exchange", {"tau_s", "tau_e"})
     assert '"tau_s": targets = ["e"]' in fault.describe()
-
-
-def test_a_rover_that_is_read_rightly_gives_no_alarm(rover):
-    model, recording = rover
-    assert check_telemetry(recording, model) == []
-
-
-def test_simulations_tell_the_sign_of_a_wheel(rover):
-    model, recording = rover
-    wrong = _scale(recording, -1.0, 0.0, "left")
-    found = [(f.kind, f.columns) for f in check_telemetry(wrong, model)]
-    assert found == [("sign", ("left",))]
-
-
-def test_simulations_tell_the_order_of_a_quaternion_on_the_ground(rover):
-    model, recording = rover
-    rolled = edit(recording, lambda t, x: np.roll(x, -1, axis=1), "turn")
-    (fault,) = check_telemetry(rolled, model)
-    assert (fault.kind, fault.columns) == ("quaternion_order", ("turn",))
 
 
 @pytest.mark.parametrize(("jammed_from", "kinds"), [(1, set()), (0, {"unit"})])

@@ -16,9 +16,15 @@ def _find(slopes, noise):
     rng = np.random.default_rng(2)
     read = slopes["read"] + noise * rng.normal(size=len(slopes))
     pair = Comparison(
-        "velocity", series, {"j": slopes["true"]}, {"j": read}, range(-3, 4), 20, 1.0,
+        "velocity",
+        series,
+        {"j": slopes["true"]},
+        {"j": read},
+        range(-3, 4),
+        20,
+        1.0,
         frozenset(["j"]),
-    )  # fmt: skip
+    )
     return [(d.kind, d.episodes) for d in find_disagreements(pair)]
 
 

@@ -12,11 +12,13 @@ from selfheal.telemetry import check_telemetry
 from selfheal.telemetry.map_corrections import correct_rules
 from tests.support.logs.edited_logs import DEGREES, edit, flip
 
-MAP = LogMap([
-    ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
-    ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
-    ColumnRule("joint_velocity", "*_speed", unit="rad/s"),
-])  # fmt: skip
+MAP = LogMap(
+    [
+        ColumnRule("command", ["u0", "u1"], ["s", "e"], unit="rad"),
+        ColumnRule("joint_position", "*_angle", ["shoulder", "elbow"], unit="rad"),
+        ColumnRule("joint_velocity", "*_speed", unit="rad/s"),
+    ]
+)
 
 
 POSITIONS = ("shoulder_q", "elbow_q")
@@ -34,12 +36,11 @@ def limited(servo_arm):
 @pytest.mark.parametrize(
     ("read", "sent", "columns"),
     [
-        (DEGREES, 1, {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v"}),
+        (DEGREES, 1, {*COLUMNS}),
         (1, DEGREES, {"s", "e"}),
-        (DEGREES, DEGREES,
-         {"shoulder_q", "shoulder_v", "elbow_q", "elbow_v", "s", "e"}),
+        (DEGREES, DEGREES, {*COLUMNS, "s", "e"}),
     ],
-)  # fmt: skip
+)
 def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
     model, recording = limited
     wrong = edit(recording, lambda t, x: read * x, *COLUMNS, ctrl=sent)
@@ -55,23 +56,20 @@ def test_a_unit_of_all_columns_is_one_fault(limited, read, sent, columns):
 def test_shares_of_ranges_that_are_read_as_degrees_are_told(limited):
     model, recording = limited
     model.jnt_range[:] = (-0.7, 0.9), (-0.6, 1.1)
-    spans, middles = (1.6, 1.7), (0.1, 0.25)
-    factors = dict(zip(("shoulder", "elbow"), zip(spans, middles, strict=True),
-                       strict=True))  # fmt: skip
+    span, middle = np.ptp(model.jnt_range, axis=1), model.jnt_range.mean(axis=1)
 
-    def share(values, span, middle):
-        return np.deg2rad(np.clip((values - middle) * 200 / span, -100, 100))
+    def share(values, joint=slice(None)):
+        shares = (values - middle[joint]) * 200 / span[joint]
+        return np.deg2rad(np.clip(shares, -100, 100))
 
-    wrong = recording
-    for name, (span, middle) in factors.items():
-        wrong = edit(wrong, lambda t, x, s=span, m=middle: share(x, s, m), f"{name}_q")
-        speed = np.deg2rad(200 / span)
+    episodes = {
+        k: replace(e, ctrl=share(e.ctrl)) for k, e in recording.episodes.items()
+    }
+    wrong = replace(recording, episodes=episodes)
+    for j, name in enumerate(("shoulder", "elbow")):
+        wrong = edit(wrong, lambda t, x, j=j: share(x, j), f"{name}_q")
+        speed = np.deg2rad(200 / span[j])
         wrong = edit(wrong, lambda t, x, factor=speed: factor * x, f"{name}_v")
-    wrong = replace(wrong, episodes={
-        k: replace(e, ctrl=share(recording.episodes[k].ctrl, np.array(spans),
-                                 np.array(middles)))
-        for k, e in wrong.episodes.items()
-    })  # fmt: skip
     faults = [f for f in check_telemetry(wrong, model) if f.kind == "unit"]
     (fault,) = faults
     assert "LeRobot" in fault.seen and "from_range = [-100, 100]" in fault.describe()
@@ -100,14 +98,13 @@ def test_a_joint_that_passes_zero_has_no_rows_of_zeros(servo_arm):
 @pytest.mark.parametrize("aborted", ["0", "1", "2"])
 def test_a_short_episode_whose_drives_were_off_is_told_alone(servo_arm, aborted):
     model, recording = servo_arm
-    e = recording.episodes[aborted]
-    e = replace(e, time=e.time[:250], ctrl=e.ctrl[:250], signals={
-        n: replace(s, values=s.values[:250].copy()) for n, s in e.signals.items()
-    })  # fmt: skip
-    rng = np.random.default_rng(0)
-    for s in e.signals.values():
-        still = s.values[80] if s.kind == "joint_position" else 0 * s.values[80]
-        s.values[80:] = still + rng.normal(0, 3e-4, s.values[80:].shape)
+    e, rng, signals = recording.episodes[aborted], np.random.default_rng(0), {}
+    for n, s in e.signals.items():
+        read = s.values[:250].copy()
+        still = read[80] if s.kind == "joint_position" else 0 * read[80]
+        read[80:] = still + rng.normal(0, 3e-4, read[80:].shape)
+        signals[n] = replace(s, values=read)
+    e = replace(e, time=e.time[:250], ctrl=e.ctrl[:250], signals=signals)
     wrong = replace(recording, episodes={**recording.episodes, aborted: e})
     faults = check_telemetry(wrong, model)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", (aborted,))}
@@ -127,8 +124,8 @@ def test_an_episode_in_whose_end_no_motor_acts_is_told(torque_arm):
             signals[f"{name}_q"][k] = data.qpos[j] + rng.normal(0, 3e-4)
         signals["gyro"][k] = data.sensordata + rng.normal(0, 1e-2, 3)
         mujoco.mj_step(model, data, 5)
-    e = replace(e, signals={
-        n: replace(s, values=signals[n]) for n, s in e.signals.items()})  # fmt: skip
+    read = {n: replace(s, values=signals[n]) for n, s in e.signals.items()}
+    e = replace(e, signals=read)
     wrong = replace(recording, episodes={**recording.episodes, "1": e})
     faults = check_telemetry(wrong, model)
     assert {(f.kind, f.episodes) for f in faults} == {("odd_episode", ("1",))}

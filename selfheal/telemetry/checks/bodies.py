@@ -11,7 +11,7 @@ import numpy as np
 from ...recording.data import Floats
 from ..boards import find_turned
 from ..context import Context
-from ..fault import ColumnCorrection, Fault, correct_factor, format_columns
+from ..fault import Changes, ColumnCorrection, Fault, format_columns, multiply
 from ..relations import (
     DEPENDENT_ROWS,
     MIN_ROWS,
@@ -53,7 +53,7 @@ def _check_predicted(context: Context) -> Iterator[Fault]:
     import mujoco
 
     states, model, series = context.states, context.model, context.series
-    rows = states.choose_rows()
+    rows = states.choose_rows(True)
     if len(rows) < MIN_ROWS:
         return
     readings, _, places = context.balance.predict(context.column_map, rows)
@@ -88,40 +88,31 @@ def _compare(
         every, lambda i, k: relate(expected[:, i], read[:, k], episode, range(1))
     )
     said = format_columns([name])
-    # at the same time, however far either is from it
-    flipped = [i for i in every if own[i].is_same and own[i].r < 0]
+    flipped = [i for i in every if own[i].is_flipped]
     scaled = [r for r in own.values() if r.has_other_unit]
+    found = list[tuple[str, Relation, Changes, str]]()
     if flipped:
-        first = own[flipped[0]]
-        signs = [-1 if i in flipped else 1 for i in every]
-        yield _make(
-            context, "sign", name, first, ColumnCorrection(name, {"sign": signs}),
+        first, signs = own[flipped[0]], [-1 if i in flipped else 1 for i in every]
+        seen = (
             f"columns {flipped} of {said} are the opposite of {what} (correlation "
-            f"{first.r:.2f})",
-        )  # fmt: skip
+            f"{first.r:.2f})"
+        )
+        found.append(("sign", first, {"sign": signs}, seen))
     elif scaled:
         ratio = float(np.median([abs(r.ratio) for r in scaled]))
-        yield _make(
-            context, "unit", name, scaled[0], correct_factor(name, 1 / ratio),
-            f"{said} is {ratio:.4g} times {what}: {name_unit(ratio) or 'another unit'}",
-        )  # fmt: skip
+        unit = name_unit(ratio) or "another unit"
+        seen = f"{said} is {ratio:.4g} times {what}: {unit}"
+        found.append(("unit", scaled[0], multiply(1 / ratio), seen))
     for i, k, across in exchanged:
-        places = [{i: k, k: i}.get(place, place) for place in every]
-        yield _make(
-            context, "exchange", name, across,
-            ColumnCorrection(name, {"columns": places}),
+        seen = (
             f"columns {i} and {k} of {said} are exchanged: each follows what the other "
-            f"should be, {what} (correlation {across.r:.2f})",
-        )  # fmt: skip
-
-
-def _make(
-    context: Context, kind: str, name: str, relation: Relation,
-    correction: ColumnCorrection, seen: str,
-) -> Fault:  # fmt: skip
-    """A fault of one signal, by the relation that shows it."""
-    p = correlation_p_value(relation.r, relation.rows, DEPENDENT_ROWS)
+            f"should be, {what} (correlation {across.r:.2f})"
+        )
+        places = [{i: k, k: i}.get(place, place) for place in every]
+        found.append(("exchange", across, {"columns": places}, seen))
     target = next(t for (_, t), n in context.signals.items() if n == name)
-    return Fault(
-        kind, context.series.episodes, (name,), target, seen, p, BASIS, (correction,)
-    )
+    for kind, relation, change, seen in found:
+        p = correlation_p_value(relation, DEPENDENT_ROWS)
+        rule = ColumnCorrection(name, change)
+        where = context.series.episodes, (name,), target
+        yield Fault(kind, *where, seen, p, BASIS, (rule,))

@@ -54,27 +54,32 @@ def _compare_growths(comparison: Comparison, context: Context) -> Iterator[Fault
     what = comparison.what
     every = {name: _measure_growth(comparison, name) for name in comparison.first}
     known = {name: g for name, g in every.items() if g is not None}
-    sure = {n: g for n, g in known.items()
-            if abs(g.slope) * g.seconds > MIN_GROWTH[what]
-            and g.p_value * len(known) < MAX_P_VALUE}  # fmt: skip
+    sure = {
+        n: g
+        for n, g in known.items()
+        if abs(g.slope) * g.seconds > MIN_GROWTH[what]
+        and g.p_value * len(known) < MAX_P_VALUE
+    }
     if not sure:
         return
     slope = float(np.median([g.slope for g in sure.values()]))
     alike = [n for n, g in known.items() if 1 / ALIKE < g.slope / slope < ALIKE]
     if len(alike) < ALIKE_SHARE * len(known):
         return
-    late, other = {"velocity": ("velocity", "their positions"),
-                   "command": ("position", "their commands")}[what]  # fmt: skip
-    names = [getattr(context.joints[n], late) for n in alike]
-    first = next(iter(sure))
-    yield Fault(
-        "clock_drift", context.series.episodes, tuple(names), first,
-        f"{format_columns(names)} come {abs(1e3 * slope):.3g} ms "
-        f"{'later' if slope > 0 else 'earlier'} against {other} each second: "
-        f"{abs(slope) * sure[first].seconds:.2g} s in an episode",
-        max(min(g.p_value for g in sure.values()) * len(known), 1e-300), BASIS,
-        (f"[time.streams.NAME] of {format_columns(names)}: stretch = {1 - slope:.6g}",),
-    )  # fmt: skip
+    if what == "velocity":
+        names, other = [context.joints[n].velocity for n in alike], "positions"
+    else:
+        names, other = [context.joints[n].position for n in alike], "commands"
+    first, said = next(iter(sure)), format_columns(names)
+    seen = (
+        f"{said} come {abs(1e3 * slope):.3g} ms "
+        f"{'later' if slope > 0 else 'earlier'} against their {other} each second: "
+        f"{abs(slope) * sure[first].seconds:.2g} s in an episode"
+    )
+    p = max(min(g.p_value for g in sure.values()) * len(known), 1e-300)
+    correction = f"[time.streams.NAME] of {said}: stretch = {1 - slope:.6g}"
+    where = context.series.episodes, tuple(names), first
+    yield Fault("clock_drift", *where, seen, p, BASIS, (correction,))
 
 
 def _measure_growth(comparison: Comparison, joint: str) -> _Growth | None:

@@ -4,18 +4,18 @@ Software writes all joints of a robot in one unit. So what many columns show tog
 is tested first, before the sign or the unit of one.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from ...logs.motion import compare_command, find_step, measure_share_inside
 from ...recording.data import Floats
 from ..context import Context
-from ..fault import COUNTED, ColumnCorrection, Fault, correct_factor, format_columns
+from ..fault import COUNTED, Changes, ColumnCorrection, Fault, format_columns, multiply
 from ..joints import JointColumns, shares_unit
-from .ranges import TOLERANCE, TOLERANCE_SHARE, TURN
+from .ranges import TURN, get_slack
 
 # units of the contract: what is written instead, and times how much
 OTHERS = {"rad": ("degrees", 180 / np.pi), "m": ("thousandths", 1e3)}
@@ -30,7 +30,15 @@ SHARE_BASIS = (
     "one half for each joint that ends within 100 degrees by chance, times the F test "
     "of the steps of encoders in degrees and in shares"
 )
-Change = tuple[float, float]  # value = factor * value + offset
+
+
+class _Edit(NamedTuple):
+    """A column that is right once it is multiplied and shifted."""
+
+    name: str
+    factor: float
+    offset: float
+    is_command: bool
 
 
 @dataclass(frozen=True)
@@ -38,7 +46,6 @@ class _Columns:
     """What is read and commanded of joints of one unit.
 
     Attributes:
-        joints: that are read.
         read: (n) positions of each, of all episodes [rad or m].
         command: (n) to what each is commanded, where a servo is.
         time: (n) [s] in which the episodes follow each other.
@@ -51,11 +58,12 @@ class _Columns:
 
     def fits(self, values: Mapping[str, Floats], factor: float) -> Floats:
         """Share (k) of each limited joint's values (n) within limits, over a factor."""
-        return np.array([
+        inside = (
             measure_share_inside(values[j.name] / factor, *j.range)
             for j in self.joints
             if j.range and j.name in values
-        ])  # fmt: skip
+        )
+        return np.array([*inside])
 
     def is_large(self, values: Mapping[str, Floats], factor: float) -> bool:
         """Whether most are within limits divided by a factor, and not as they are."""
@@ -95,7 +103,7 @@ def find(context: Context) -> Iterator[Fault]:
             continue
         divisors, seen = _find_divisors(columns, factor)
         if divisors:
-            yield _correct_factor(context, columns, divisors, name, seen)
+            yield _correct_factor(context, columns, divisors, f"{name} ({seen})")
             columns = _gather(context, unit)
         if unit == "rad" and (found := _find_shares(columns)):
             yield _correct_shares(context, columns, *found)
@@ -103,32 +111,19 @@ def find(context: Context) -> Iterator[Fault]:
 
 def _gather(context: Context, unit: str) -> _Columns:
     """The columns of joints whose positions have a unit of the contract."""
-    episodes = context.recording.episodes.values()
-    every = {n for e in episodes for n, s in e.signals.items() if s.unit == unit}
-    chosen = [j for j in context.joints.values() if j.position in every]
-
-    def read(name: str) -> Floats:
-        parts = [
-            e.signals[name].values.reshape(e.time.size)
-            if name in e.signals else np.full(e.time.size, np.nan)
-            for e in episodes
-        ]  # fmt: skip
-        return np.concatenate(parts)
-
-    time, end = [], 0.0
-    for e in episodes:
-        time.append(e.time - e.time[0] + end)
-        end = float(time[-1][-1]) + 1.0
-    return _Columns(
-        chosen,
-        {j.name: read(j.position) for j in chosen},
-        {
-            j.name: j.servo.scale * np.concatenate(
-                [e.ctrl[:, e.ctrl_names.index(j.servo.command)] for e in episodes])
-            for j in chosen if j.servo
-        },
-        np.concatenate(time),
-    )  # fmt: skip
+    episodes = context.recording.episodes
+    chosen = [j for j in context.joints.values() if j.position and j.unit == unit]
+    unread = {k: (e.time, np.full(e.time.size, np.nan)) for k, e in episodes.items()}
+    read, command, time = dict[str, Floats](), dict[str, Floats](), [-np.ones(1)]
+    for e in episodes.values():
+        time.append(e.time - e.time[0] + time[-1][-1] + 1.0)
+    for j in chosen:
+        parts = unread | context.read(j.position)
+        read[j.name] = np.concatenate([values for _, values in parts.values()])
+        if s := j.servo:
+            sent = [e.ctrl[:, e.ctrl_names.index(s.command)] for e in episodes.values()]
+            command[j.name] = s.scale * np.concatenate(sent)
+    return _Columns(chosen, read, command, np.concatenate(time[1:]))
 
 
 def _find_divisors(columns: _Columns, factor: float) -> tuple[dict[str, float], str]:
@@ -159,51 +154,55 @@ def _find_divisors(columns: _Columns, factor: float) -> tuple[dict[str, float], 
 
 
 def _correct_factor(
-    context: Context, columns: _Columns, divisors: Mapping[str, float], name: str,
-    seen: str,
-) -> Fault:  # fmt: skip
+    context: Context, columns: _Columns, divisors: Mapping[str, float], said: str
+) -> Fault:
     """The fault of a factor, by what was seen; the recording is then without it."""
     by = next(iter(divisors.values()))
-    signals, commands = list[str](), list[str]()
+    edits = list[_Edit]()
     for j in columns.joints:
         if "read" in divisors:
-            signals.append(j.position)
-            signals += [j.velocity] * shares_unit(context.recording, j)
+            edits.append(_Edit(j.position, 1 / by, 0.0, is_command=False))
+            if shares_unit(context.recording, j):
+                edits.append(_Edit(j.velocity, 1 / by, 0.0, is_command=False))
         if "command" in divisors and j.servo:
-            commands.append(j.servo.command)
-    unit = name if by > 1 else f"divided by that of {name}"
-    change = 1 / by, 0.0
-    return _correct(
-        context, columns, dict.fromkeys(signals, change),
-        dict.fromkeys(commands, change), partial(correct_factor, factor=1 / by),
-        f"{unit} ({seen})",
-    )  # fmt: skip
+            edits.append(_Edit(j.servo.command, 1 / by, 0.0, is_command=True))
+    said = said if by > 1 else f"divided by that of {said}"
+    return _correct(context, columns, edits, multiply(1 / by), said, (0.0, COUNTED))
 
 
 def _correct(
-    context: Context, columns: _Columns, signals: Mapping[str, Change],
-    commands: Mapping[str, Change], correct: Callable[..., ColumnCorrection],
-    said: str, p_value: float = 0.0, basis: str = COUNTED,
-) -> Fault:  # fmt: skip
-    """The fault of the unit of some columns; the recording is then without it."""
-    episodes, names = {}, [*signals, *commands]
+    context: Context,
+    columns: _Columns,
+    edits: list[_Edit],
+    change: Changes,
+    said: str,
+    test: tuple[float, str],
+) -> Fault:
+    """The fault of the unit of some columns; the recording is then without it.
+
+    Args:
+        change: of each column's rule in a map.
+        test: the p-value [1], and of which test.
+    """
+    episodes = {}
     for key, e in context.recording.episodes.items():
-        ctrl, changed = e.ctrl.copy(), dict(e.signals)
-        for name, (factor, offset) in commands.items():
-            column = e.ctrl_names.index(name)
-            ctrl[:, column] = factor * ctrl[:, column] + offset
-        for name, (factor, offset) in signals.items():
-            if name in changed:
-                values = factor * changed[name].values + offset
-                changed[name] = replace(changed[name], values=values)
-        episodes[key] = replace(e, ctrl=ctrl, signals=changed)
+        ctrl, signals = e.ctrl.copy(), dict(e.signals)
+        for name, factor, offset, is_command in edits:
+            if is_command:
+                column = e.ctrl_names.index(name)
+                ctrl[:, column] = factor * ctrl[:, column] + offset
+            elif name in signals:
+                values = factor * signals[name].values + offset
+                signals[name] = replace(signals[name], values=values)
+        episodes[key] = replace(e, ctrl=ctrl, signals=signals)
     context.recording = replace(context.recording, episodes=episodes)
+    edits = sorted(edits, key=lambda one: one.is_command)
+    names = tuple(one.name for one in edits)
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return Fault(
-        "unit", context.episodes, tuple(names), columns.joints[0].name,
-        f"{format_columns(names[:3])}{more}: the unit is {said}", p_value, basis,
-        (*map(correct, signals), *(correct(n, is_command=True) for n in commands)),
-    )  # fmt: skip
+    seen = f"{format_columns(names[:3])}{more}: the unit is {said}"
+    rules = tuple(ColumnCorrection(one.name, change, one.is_command) for one in edits)
+    target = columns.joints[0].name
+    return Fault("unit", context.episodes, names, target, seen, *test, rules)
 
 
 def _find_shares(columns: _Columns) -> tuple[str, float] | None:
@@ -218,12 +217,9 @@ def _find_shares(columns: _Columns) -> tuple[str, float] | None:
     most = np.rad2deg(max(ends.values(), default=0.0))
     if len(limited) < MIN_JOINTS or most > WHOLE:
         return None
-    beyond = [
-        j.name for j in limited
-        if j.range and _measure_beyond(read[j.name], j.range) > _get_slack(j.range)
-    ]  # fmt: skip
-    found = {j.span: step for j in limited
-             if (step := find_step(np.rad2deg(read[j.name])))}  # fmt: skip
+    beyond = [j for j in limited if _measure_beyond(read[j.name], j) > get_slack(j)]
+    every = [(j.span, find_step(np.rad2deg(read[j.name]))) for j in limited]
+    found = {span: step for span, step in every if step}
     spans, steps = np.array([*found]), np.array([*found.values()])
     p = 0.5 ** len(limited)
     said = [f"{len(beyond)} of {len(limited)} joints pass their ranges"]
@@ -240,14 +236,10 @@ def _find_shares(columns: _Columns) -> tuple[str, float] | None:
     return " and ".join(said), p
 
 
-def _measure_beyond(values: Floats, limits: tuple[float, float]) -> float:
-    """How far values go beyond limits [their unit]."""
-    low, high = limits
+def _measure_beyond(values: Floats, joint: JointColumns) -> float:
+    """How far values (n) go beyond a joint's range [their unit]."""
+    low, high = joint.range or (-np.inf, np.inf)
     return float(max(np.nanmax(values - high), np.nanmax(low - values)))
-
-
-def _get_slack(limits: tuple[float, float]) -> float:
-    return max(TOLERANCE["rad"], TOLERANCE_SHARE * (limits[1] - limits[0]))
 
 
 def _is_gripper(joint: JointColumns) -> bool:
@@ -258,21 +250,20 @@ def _correct_shares(
     context: Context, columns: _Columns, said: str, p_value: float
 ) -> Fault:
     """The fault of shares of ranges, by what shows it; the recording is then right."""
-    signals, commands = dict[str, Change](), dict[str, Change]()
+    edits = list[_Edit]()
     for j in columns.joints:
         if not j.range or _is_gripper(j):
             continue
-        factor = np.rad2deg(j.span / (2 * FULL))
-        middle = sum(j.range) / 2
-        signals[j.position] = factor, middle
+        factor, middle = np.rad2deg(j.span / (2 * FULL)), sum(j.range) / 2
+        edits.append(_Edit(j.position, factor, middle, is_command=False))
         if shares_unit(context.recording, j):
-            signals[j.velocity] = factor, 0.0
+            edits.append(_Edit(j.velocity, factor, 0.0, is_command=False))
         if j.servo:
-            commands[j.servo.command] = factor, middle / j.servo.scale
-    ends = {"from_range": [-FULL, FULL]}
-    return _correct(
-        context, columns, signals, commands, partial(ColumnCorrection, changes=ends),
+            zero = middle / j.servo.scale
+            edits.append(_Edit(j.servo.command, factor, zero, is_command=True))
+    said = (
         "a share of each joint's range, from -100 to 100, as LeRobot writes it: no "
-        f"joint passes 100 degrees, {said}",
-        p_value, SHARE_BASIS,
-    )  # fmt: skip
+        f"joint passes 100 degrees, {said}"
+    )
+    ends = Changes(from_range=(-FULL, FULL))
+    return _correct(context, columns, edits, ends, said, (p_value, SHARE_BASIS))

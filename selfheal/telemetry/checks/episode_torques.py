@@ -1,12 +1,9 @@
 """Episodes that do not fit the others: takes what explains the motion, finds the worst.
 
-Whatever physics a model lacks, it lacks in all episodes. What is fitted to the others
+Physics that a model lacks is missing in all episodes. What is fitted to the others
 has to balance the torques of each. A sign, a zero or a load of one episode alone does
 not, nor does an end in which no actuator gives a torque.
 """
-
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,24 +11,24 @@ from ...recording.data import Floats
 from ..balance import TorqueBalance
 from ..context import Context
 from ..fault import Fault, format_columns
-from ..relations import FAR_BETTER, UNIT_TOLERANCE
+from ..odd_episodes import (
+    ALONE,
+    BASIS,
+    MAX_P_VALUE,
+    MIN_EPISODES,
+    Scores,
+    report_odd,
+)
+from ..relations import FAR_BETTER, UNIT_TOLERANCE, f_test
 from ..states import ColumnMap
 from ..terms import Terms
-from .episode_columns import (
-    ALONE,
-    BASES,
-    MAX_P_VALUE,
-    MIN_BLOCKS,
-    MIN_EPISODES,
-    TIMES,
-    leave_out,
-)
 from .ranges import TOLERANCE_SHARE
 
 MAX_FOLDS = 8  # of episodes, each predicted from the others; chosen: tenths of a second
 # median share of a block that such an episode leaves, at least, of torques and of
 # simulations; chosen: an eighth of a torque, and no better than no prediction
 MIN_LEFT, MIN_MISSED = 0.02, 1.0
+TIMES = 8.0  # that of any other episode; chosen
 # share of what an episode leaves that one more number may leave to be its cause
 EXPLAINED = 0.3
 NORMAL = 2.198  # mean of squares over their median, of normal numbers; exact: 1 / 0.455
@@ -39,29 +36,6 @@ OFF_BASIS = (
     "F test of what torques leave with the actuators' and without, times episodes, "
     "joints and seconds"
 )
-
-
-@dataclass(frozen=True, eq=False)
-class _Scores:
-    """How badly each block fits what the other episodes predict.
-
-    Attributes:
-        blocks: (B, D) share of the mean square that a block leaves [1]. Of torques it
-            is by the median of their squares: an episode that does not fit misses them
-            all along, and a late command only where it jumps.
-        episode: (B) id of the episode of each block.
-        names: (D) of the joints, or of what moves.
-    """
-
-    blocks: Floats
-    episode: np.ndarray
-    names: Sequence[str]
-
-    @property
-    def medians(self) -> dict[str, Floats]:
-        """Median (D) over the blocks of each episode."""
-        return {str(k): np.median(self.blocks[self.episode == k], axis=0)
-                for k in dict.fromkeys(self.episode)}  # fmt: skip
 
 
 def find(context: Context) -> list[Fault]:
@@ -78,8 +52,6 @@ def _find_unpowered(balance: TorqueBalance) -> list[Fault]:
 
     In the others they move as these say.
     """
-    from scipy.stats import f
-
     if balance.reason:
         return []
     series, faults = balance.series, list[Fault]()
@@ -98,16 +70,15 @@ def _find_unpowered(balance: TorqueBalance) -> list[Fault]:
             if count < 1 or 2 * lost.sum() <= driven.sum():
                 continue
             left = float(np.exp(np.log(share[lost]).mean()))
-            p = float(f.sf(1 / left, *(count * lost.sum(),) * 2))
+            p = f_test(1, left, *(count * lost.sum(),) * 2)
             p *= len(ids) * len(starts) * int(driven.sum())
             joints = [balance.name_dof(int(d)) for d in balance.dofs[lost]]
-            faults.append(Fault(
-                "odd_episode", (episode,), (), joints[0],
+            seen = (
                 f"in the last {seconds:.2g} s of episode {episode!r} nothing seems to "
                 f"drive {format_columns(joints)}: without the actuators' torques "
-                f"{100 * left:.2g} % of what is left with them is: it was aborted, say",
-                p, OFF_BASIS, leave_out(episode),
-            ))  # fmt: skip
+                f"{100 * left:.2g} % of what is left with them is: it was aborted, say"
+            )
+            faults.append(report_odd((episode,), (), joints[0], seen, (p, OFF_BASIS)))
     least = min(faults, key=lambda fault: fault.p_value, default=None)
     return [least] if least and least.p_value < MAX_P_VALUE else []
 
@@ -128,7 +99,7 @@ def _balance_without(balance: TorqueBalance) -> tuple[Floats, Floats, np.ndarray
     on = np.empty((len(fold), len(balance.dofs)))
     off, acts = np.empty_like(on), np.empty(on.shape, bool)
     for k, terms in enumerate(balance.terms):
-        for here, x in terms.fit_others(fold):
+        for here, x in terms.fit_others(fold, True):
             left = terms.leave(x)
             given = terms.parts["act"] + terms.x[:, :2] @ x[:2]  # with gain and delay
             on[here, k], off[here, k] = left[here] ** 2, (left - given)[here] ** 2
@@ -155,42 +126,35 @@ def _find_unlike(context: Context) -> list[Fault]:
     balance, rollouts = context.balance, context.rollouts
     if not balance.reason:
         # a fit that saw such an episode predicts the others badly, too
-        suspect = _find_suspect(_score_torques(balance, ""))
+        suspect = _score_torques(balance, "").find_suspect()
         scores, least = _score_torques(balance, suspect), MIN_LEFT
         words = "the torques predicted from the others miss those"
     elif not rollouts.reason:
         blocks, groups = rollouts.evaluate(ColumnMap()).blocks, list(rollouts.groups)
-        scores, least = _Scores(blocks, rollouts.block_names, groups), MIN_MISSED
+        scores, least = Scores(blocks, rollouts.block_names, groups), MIN_MISSED
         words = "short simulations miss the motion"
     else:
         return []
-    found = _find_worst(scores, least)
-    if found is None:
+    every = scores.list_odd(least, TIMES)
+    odd = max(every, key=lambda one: one.median, default=None)
+    if odd is None:
         return []
-    name, at, here, there, p = found
-    cause = "" if balance.reason else _name_cause(balance, name, at)
-    return [Fault(
-        "odd_episode", (name,), (), scores.names[at],
-        f"episode {name!r} does not fit the others: {words} of "
-        f"{scores.names[at]!r} by {100 * here:.2g} % of their mean square, and of no "
-        f"other episode by more than {100 * there:.2g} %{cause}",
-        p, BASES["blocks"], leave_out(name, advice=ALONE),
-    )]  # fmt: skip
+    name, joint = odd.episode, scores.names[odd.at]
+    cause = "" if balance.reason else _name_cause(balance, name, odd.at)
+    seen = (
+        f"episode {name!r} does not fit the others: {words} of {joint!r} by "
+        f"{100 * odd.median:.2g} % of their mean square, and of no other episode by "
+        f"more than {100 * odd.next_median:.2g} %{cause}"
+    )
+    return [report_odd((name,), (), joint, seen, (odd.p_value, BASIS), ALONE)]
 
 
-def _find_suspect(scores: _Scores) -> str:
-    """The episode that leaves most, by the next one."""
-    medians = scores.medians
-    if len(medians) < MIN_EPISODES:
-        return ""
-    table = np.array([*medians.values()])
-    *_, second, first = np.sort(table, axis=0)
-    joint = int(np.argmax(first / (second + 1e-12)))
-    return list(medians)[int(np.argmax(table[:, joint]))]
+def _score_torques(balance: TorqueBalance, suspect: str) -> Scores:
+    """What fits to the other episodes, the suspect one aside, leave of the torques.
 
-
-def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
-    """What fits to the other episodes, the suspect one aside, leave of the torques."""
+    A block is scored by the median of the squares [1]: an episode that does not fit
+    misses them all along, and a late command only where it jumps.
+    """
     from scipy.ndimage import median
 
     names = balance.names
@@ -210,31 +174,7 @@ def _score_torques(balance: TorqueBalance, suspect: str) -> _Scores:
         share = left / np.maximum(usual, terms.size.mean())
         blocks[:, k] = NORMAL * median(share, balance.block, np.arange(balance.count))
     joints = [balance.name_dof(int(d)) for d in balance.dofs]
-    return _Scores(blocks, balance.block_names, joints)
-
-
-def _find_worst(
-    scores: _Scores, least: float
-) -> tuple[str, int, float, float, float] | None:
-    """Episode, number of the joint, its median, the next one's and the p-value."""
-    from scipy.stats import mannwhitneyu
-
-    medians, best = scores.medians, None
-    if len(medians) < MIN_EPISODES:
-        return None
-    for d in range(scores.blocks.shape[1]):
-        share = scores.blocks[:, d]
-        median = {k: float(of_joint[d]) for k, of_joint in medians.items()}
-        episode = max(median, key=lambda k: median[k])
-        rest = max(median[k] for k in median if k != episode)
-        own = scores.episode == episode
-        if own.sum() < MIN_BLOCKS or median[episode] < max(least, TIMES * rest):
-            continue
-        p = float(mannwhitneyu(share[own], share[~own], alternative="greater").pvalue)
-        p *= len(median) * scores.blocks.shape[1]
-        if p < MAX_P_VALUE and (best is None or median[episode] > best[2]):
-            best = episode, d, median[episode], rest, p
-    return best
+    return Scores(blocks, balance.block_names, joints)
 
 
 def _name_cause(balance: TorqueBalance, episode: str, at: int) -> str:

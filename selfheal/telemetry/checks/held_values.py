@@ -8,7 +8,7 @@ import numpy as np
 from ...recording import Recording
 from ...recording.data import Floats
 from ..context import READ, Context
-from ..fault import SKIP, ColumnCorrection, Fault, format_columns
+from ..fault import ColumnCorrection, Fault, format_columns
 
 # s and samples that a column must hold one value to be frozen; chosen
 MIN_HELD_SECONDS, MIN_HELD_SAMPLES = 0.25, 15
@@ -71,34 +71,34 @@ def find(context: Context) -> Iterator[Fault]:
             frozen.setdefault((signal, whole), []).append(case)
     for (name, whole), cases in frozen.items():
         episode, start, seconds, _ = min(cases, key=lambda c: c[3])
-        held = (
-            f"all readings of {format_columns([name])} are the same"
-            if whole
-            else f"{format_columns([name])} holds one value for {seconds:.2f} s from "
-            f"{start:.2f} s on in episode {episode!r}"
-        )
-        said = f"{held} while the other columns change"
-        yield _make_fault(recording, "frozen", name, cases, said)
+        if whole:
+            held = f"all readings of {format_columns([name])} are the same"
+        else:
+            held = (
+                f"{format_columns([name])} holds one value for {seconds:.2f} s from "
+                f"{start:.2f} s on in episode {episode!r}"
+            )
+        seen = f"{held} while the other columns change"
+        yield _make_fault(recording, "frozen", name, cases, seen)
     for name, cases in clipped.items():
         episode, value, *_ = min(cases, key=lambda c: c[3])
         unit = recording.episodes[episode].signals[name].unit
-        said = (
+        seen = (
             f"{format_columns([name])} is clipped at {value:.4g} {unit} in episode "
             f"{episode!r}: it reaches that value again and again, and never passes it"
         )
-        yield _make_fault(recording, "saturated", name, cases, said)
+        yield _make_fault(recording, "saturated", name, cases, seen)
 
 
 def _make_fault(
-    recording: Recording, kind: str, name: str, cases: Sequence[Case], said: str
+    recording: Recording, kind: str, name: str, cases: Sequence[Case], seen: str
 ) -> Fault:
     """The fault of one signal in some episodes."""
-    signal = recording.episodes[cases[0][0]].signals[name]
-    log_p = min(case[3] for case in cases)
-    return Fault(
-        kind, tuple(case[0] for case in cases), (name,), signal.target, said,
-        float(np.exp(max(log_p, -600))), BASIS, (ColumnCorrection(name, {SKIP: True}),),
-    )  # fmt: skip
+    ids = tuple(case[0] for case in cases)
+    target = recording.episodes[ids[0]].signals[name].target
+    p = float(np.exp(max(min(case[3] for case in cases), -600)))
+    rule = ColumnCorrection(name, {"skip": True})
+    return Fault(kind, ids, (name,), target, seen, p, BASIS, (rule,))
 
 
 def _judge_frozen(
@@ -159,10 +159,11 @@ def _is_idle(recording: Recording, episode: str, commands: Sequence[str]) -> boo
 
 def _list_live(context: Context) -> Iterator[tuple[str, str, Floats, Floats]]:
     """The column of each signal and episode that changes most often."""
-    return context.list_columns(
-        READ, MIN_HELD_SAMPLES,
-        lambda values: (np.diff(values, axis=0) != 0).sum(axis=0),
-    )  # fmt: skip
+
+    def count_changes(values: Floats) -> Floats:
+        return (np.diff(values, axis=0) != 0).sum(axis=0)
+
+    return context.list_columns(READ, MIN_HELD_SAMPLES, count_changes)
 
 
 def _measure_repeats(context: Context) -> dict[str, float | None]:
@@ -171,21 +172,20 @@ def _measure_repeats(context: Context) -> dict[str, float | None]:
     Of a column that never changes it is that of the other signals of its kind, and
     None where there is no other.
     """
-    counts: dict[str, Floats] = {}
-    kinds: dict[str, str] = {}
+    counts, kinds = dict[str, Floats](), dict[str, str]()
     for episode, name, _, values in _list_live(context):
         kinds[name] = context.recording.episodes[episode].signals[name].kind
         same = np.diff(values) == 0
-        # the longest run is what is asked about, and does not answer for itself
+        # the longest run is what is tested, and counts for no probability
         longest = max(r.length for r in _list_runs(values)) - 1
         add = np.array([max(same.sum() - longest, 0), same.size - longest], float)
         counts[name] = counts.get(name, np.zeros(2)) + add
     out: dict[str, float | None] = {}
-    for name, (same_, total) in counts.items():
-        if total >= MIN_HELD_SAMPLES:
-            out[name] = (same_ + 1) / (total + 2)
-            continue
-        like = [c for n, c in counts.items() if kinds[n] == kinds[name] and n != name]
-        both = np.sum(like, axis=0) if like else np.zeros(2)
-        out[name] = (both[0] + 1) / (both[1] + 2) if both[1] else None
+    for name, own in counts.items():
+        used = [own]
+        if own[1] < MIN_HELD_SAMPLES:
+            every = counts.items()
+            used = [c for n, c in every if kinds[n] == kinds[name] and n != name]
+        repeated, total = np.sum(used, axis=0) if used else (0.0, 0.0)
+        out[name] = (repeated + 1) / (total + 2) if total else None
     return out

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..comparisons import Disagreement
 from ..context import Context, make_fault
-from ..fault import SKIP, ColumnCorrection, Fault, format_columns
+from ..fault import ColumnCorrection, Fault, format_columns
 from ..hypotheses import CLEARLY, MAX_P_VALUE, Hypothesis, list_read, suppose
 from ..joints import JointColumns
 from ..relations import UNIT_RATIO, list_units
@@ -56,8 +56,8 @@ def _locate(context: Context, kind: str, pair: tuple[str, ...], seen: Seen) -> F
         "command": f"joint {pair[0]!r} and its command",
         "velocity": f"the velocity and the position of joint {pair[0]!r}",
     }[what]
-    said = f"{columns}: {measured}"
-    return make_fault(best, others, said, one.p_value, BASES[what], one.episodes)
+    test = one.p_value, BASES[what]
+    return make_fault(best, others, f"{columns}: {measured}", test, one.episodes)
 
 
 def _list_options(
@@ -89,12 +89,9 @@ def _round_unit(context: Context, joint: JointColumns, ratio: float) -> float:
         return ratio
     position = context.series.signals[joint.position][:, 0, 0]
     low, high = (float(x) for x in np.nanquantile(position, [1 - INNER, INNER]))
-    unit = "m" if joint.is_slide else "rad"
-    units = list_units(joint.span)
-    near = [
-        units[n] for n in list_fitting(joint, low, high, unit)
-        if abs(np.log(abs(ratio) / units[n])) < np.log(UNIT_RATIO)
-    ]  # fmt: skip
+    units, fitting = list_units(joint.span), list_fitting(joint, low, high)
+    ratios = [units[name] for name in fitting]
+    near = [r for r in ratios if abs(np.log(abs(ratio) / r)) < np.log(UNIT_RATIO)]
     return float(np.sign(ratio)) * near[0] if len(near) == 1 else ratio
 
 
@@ -104,39 +101,40 @@ def _choose(
     """The option that balances the torques best, and those as good."""
     if len(options) == 1 or context.balance.reason:
         return options[0], options[1:]
-    tried = [context.balance.evaluate(context.column_map | o.column_map)
-             for o in options]  # fmt: skip
+    maps = [context.column_map | option.column_map for option in options]
+    tried = [context.balance.evaluate(one) for one in maps]
     best = 0
     for k in range(1, len(options)):
         gain, p = tried[k].gain_over(tried[best])
         if gain > CLEARLY and p < MAX_P_VALUE:
             best = k
-    equal = [
-        o for k, o in enumerate(options)
-        if k != best and tried[best].gain_over(tried[k])[0] < CLEARLY
-    ]  # fmt: skip
-    return options[best], equal
+    gains = [tried[best].gain_over(residuals)[0] for residuals in tried]
+    equal = [k for k, gain in enumerate(gains) if k != best and gain < CLEARLY]
+    return options[best], [options[k] for k in equal]
 
 
 def _report_delay(joint: JointColumns, one: Disagreement) -> Fault:
     late, what = one.lag, one.what
     name = joint.velocity if what == "velocity" and late > 0 else joint.position
     after = "its position" if name == joint.velocity else f"its {what}"
-    return Fault(
-        "delay", one.episodes, (name,), one.joint,
+    seen = (
         f"{format_columns([name])} is {abs(late):.2f} s late against {after} "
         f"(correlation {one.relation.r:.3f} there, {one.relation.here:.3f} at the "
-        "same time)",
-        one.p_value, BASES[what], (ColumnCorrection(name, {"delay": abs(late)}),),
-    )  # fmt: skip
+        "same time)"
+    )
+    test, change = (
+        (one.p_value, BASES[what]),
+        ColumnCorrection(name, {"delay": abs(late)}),
+    )
+    return Fault("delay", one.episodes, (name,), one.joint, seen, *test, (change,))
 
 
 def _report_derivative(joint: JointColumns, one: Disagreement) -> Fault:
-    return Fault(
-        "derivative", one.episodes, joint.columns[::-1], one.joint,
+    columns, test = joint.columns[::-1], (one.p_value, BASES["velocity"])
+    seen = (
         f"{format_columns([joint.velocity])} is not the derivative of "
         f"{format_columns([joint.position])} (correlation {one.relation.r:.2f} at "
-        "best)",
-        one.p_value, BASES["velocity"],
-        (ColumnCorrection(joint.velocity, {SKIP: True}),),
-    )  # fmt: skip
+        "best)"
+    )
+    change = ColumnCorrection(joint.velocity, {"skip": True})
+    return Fault("derivative", one.episodes, columns, one.joint, seen, *test, (change,))

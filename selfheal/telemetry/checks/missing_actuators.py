@@ -7,7 +7,6 @@ import numpy as np
 from ...recording import NO_ACTUATORS
 from ..context import Context
 from ..fault import Fault
-from . import joint_torques
 
 # of the energy that a motion turns over, what drives it gives; chosen: half of it is
 # given by motors that lift and lower, nothing by friction
@@ -23,7 +22,7 @@ def find(context: Context) -> Iterator[Fault]:
     balance = context.balance
     if context.model.nactuator or balance.reason or context.is_late:
         return
-    others = [f for f in context.faults if f.basis != joint_torques.BASIS]
+    others = [f for f in context.faults if f.basis != balance.basis]
     if any(f.is_decisive for f in others):
         return
     parts = balance.compute_torques(context.column_map, balance.rows)
@@ -32,9 +31,10 @@ def find(context: Context) -> Iterator[Fault]:
     share = float(given / max(turned.sum(), 1e-12))
     if share > GIVEN_SHARE:
         context.faults = others
-        yield Fault(
-            "no_actuator", context.episodes, (), "",
+        seen = (
             "the model has no actuators, but something drives the robot: it gives "
-            f"{share:.0%} of the energy that the motion turns over",
-            corrections=(NO_ACTUATORS,),
-        )  # fmt: skip
+            f"{share:.0%} of the energy that the motion turns over"
+        )
+        yield Fault(
+            "no_actuator", context.episodes, (), "", seen, corrections=(NO_ACTUATORS,)
+        )

@@ -7,8 +7,9 @@ import numpy as np
 
 from ...logs.model_facts import format_servo
 from ...recording import find_joint
+from ..balance import BALANCED
 from ..contacts import find_touching_bodies
-from ..context import MAX_LEFT, Context
+from ..context import Context
 from ..fault import Fault, ModelCorrection, format_columns
 from ..joints import follows_command
 from ..relations import FAR_BETTER, UNIT_RATIO, correlation_p_value, relate
@@ -43,12 +44,12 @@ def _find_free_bases(context: Context) -> Iterator[Fault]:
         joints = (model.body_rootid[model.jnt_bodyid] == base).sum()
         if j not in context.states.bases and joints > 1:
             name = name_body(model, base)
-            yield Fault(
-                "free_base", context.episodes, (), name,
+            seen = (
                 f"body {name!r} has a free joint and no ground below it, and no signal "
-                "reads its pose: in the model it falls",
-                corrections=correct_base(model, name),
-            )  # fmt: skip
+                "reads its pose: in the model it falls"
+            )
+            said = context.episodes, (), name, seen
+            yield Fault("free_base", *said, corrections=correct_base(model, name))
 
 
 def _check_motor(context: Context, actuator: int) -> Iterator[Fault]:
@@ -57,39 +58,37 @@ def _check_motor(context: Context, actuator: int) -> Iterator[Fault]:
     A torque that holds a joint against its weight moves as the joint does, too; but
     then it balances the motion.
     """
-    model, series, number = (
-        context.model,
-        context.series,
-        find_joint(context.model, actuator),
-    )
+    model, series = context.model, context.series
+    number = find_joint(model, actuator)
     joint = context.joints.get(model.joint(number).name) if number >= 0 else None
     if not joint or not joint.position or not _is_motor(model, actuator):
         return
     if len(joint.commands) != 1:
         return
     (command,) = joint.commands
-    relation = relate(
-        series.ctrl[command][:, 0], series.signals[joint.position][:, 0, 0],
-        series.episode, range(series.count_rows(SEARCHED_LAG) + 1),
-    )  # fmt: skip
+    sent, read = series.ctrl[command], series.signals[joint.position][:, 0]
+    lags = range(series.count_rows(SEARCHED_LAG) + 1)
+    relation = relate(sent[:, 0], read[:, 0], series.episode, lags)
     is_goal = relation.is_same and 1 / UNIT_RATIO < relation.ratio < UNIT_RATIO
     unexplained = context.balance.measure_share(ColumnMap(), joint.name)
     if unexplained is None:
-        unexplained = MAX_LEFT  # at least
+        unexplained = BALANCED  # at least
     if not is_goal or 1 - relation.r**2 > FAR_BETTER * unexplained:
         return
-    yield Fault(
-        "actuator_type", context.episodes, (command,), joint.name,
+    seen = (
         f"the command of {format_columns([command])} is a goal of the position: "
         f"joint {joint.name!r} follows it (correlation {relation.r:.3f}), and the "
-        "model's actuator is a motor, which takes a torque",
-        correlation_p_value(relation.r, relation.rows,
-                            INDEPENDENT_SECONDS / series.step), FOLLOWED,
-        (ModelCorrection(format_servo(model, command)),
-         "in the motor's place, with the drive's gains for KP and KV, as selfheal "
-         "model prepare ROBOT.xml --kp KP --kv KV --out m.xml writes it; or log "
-         "the torques as commands"),
-    )  # fmt: skip
+        "model's actuator is a motor, which takes a torque"
+    )
+    p = correlation_p_value(relation, INDEPENDENT_SECONDS / series.step)
+    advice = (
+        "in the motor's place, with the drive's gains for KP and KV, as selfheal "
+        "model prepare ROBOT.xml --kp KP --kv KV --out m.xml writes it; or log "
+        "the torques as commands"
+    )
+    corrections = ModelCorrection(format_servo(model, command)), advice
+    where = context.episodes, (command,), joint.name
+    yield Fault("actuator_type", *where, seen, p, FOLLOWED, corrections)
 
 
 def _is_motor(model: "mujoco.MjModel", actuator: int) -> bool:
@@ -127,13 +126,13 @@ def _find_permanent_contacts(context: Context) -> Iterator[Fault]:
         between = _list_joints_between(model, *pair)
         if moved & between and between <= {j.number for j in read.values()}:
             one, other = (name_body(model, b) for b in pair)
-            yield Fault(
-                "permanent_contact", context.episodes, (), other,
+            seen = (
                 f"in the model bodies {one!r} and {other!r} touch in every pose of the "
-                "log: if the real ones do not, their friction and push are wrong",
-                corrections=(
-                    ModelCorrection(f'<exclude body1="{one}" body2="{other}"/>'),),
-            )  # fmt: skip
+                "log: if the real ones do not, their friction and push are wrong"
+            )
+            apart = ModelCorrection(f'<exclude body1="{one}" body2="{other}"/>')
+            said = context.episodes, (), other, seen
+            yield Fault("permanent_contact", *said, corrections=(apart,))
 
 
 def _list_joints_between(model: "mujoco.MjModel", one: int, other: int) -> set[int]:

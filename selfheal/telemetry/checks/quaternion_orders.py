@@ -1,11 +1,11 @@
-"""Wrong orders of quaternions: x y z w, where the contract asks for w x y z."""
+"""Wrong orders of quaternions: x y z w, where the format has w x y z."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from ...recording.data import Floats
-from ..contacts import list_contacts
+from ..contacts import collide
 from ..context import Context
 from ..fault import ColumnCorrection, Fault, format_columns
 from ..relations import DEPENDENT_ROWS, MIN_ROWS, f_test
@@ -33,21 +33,23 @@ def find(context: Context) -> Iterator[Fault]:
 def _check_order(context: Context, body: str, name: str) -> Fault | None:
     """The fault of the first measure by which the other order is far better."""
     turns = context.series.signals[name]
-    for measure in (_compare_spins, _compare_frames, _compare_depths,
-                    _compare_rollouts, _compare_torques):  # fmt: skip
+    measures = (_compare_spins, _compare_frames, _compare_depths, _compare_rollouts)
+    for measure in (*measures, _compare_torques):
         errors = measure(context, body, turns)
         if errors is None:
             continue
         given, other, rows, what = errors
         if given > DIFFERS and other < FAR_BETTER * given and other < 1:
-            return Fault(
-                "quaternion_order", context.series.episodes, (name,), body,
+            seen = (
                 f"{format_columns([name])} is written x y z w, not w x y z: {what} "
                 f"are off by {given:.2g} of their mean square as it is, by "
-                f"{other:.2g} in the other order",
-                f_test(given, other, rows / DEPENDENT_ROWS), BASIS,
-                (ColumnCorrection(name, {"order": "xyzw"}),),
-            )  # fmt: skip
+                f"{other:.2g} in the other order"
+            )
+            count = rows / DEPENDENT_ROWS
+            p = f_test(given, other, count, count)
+            rule = ColumnCorrection(name, {"order": "xyzw"})
+            where = context.series.episodes, (name,), body
+            return Fault("quaternion_order", *where, seen, p, BASIS, (rule,))
     return None
 
 
@@ -99,8 +101,9 @@ def _compare_depths(context: Context, body: str, turns: Floats) -> Errors | None
     errors = []
     for order in ORDERS:
         column_map = context.column_map | ColumnMap(order={body: order})
-        contacts = list_contacts(model, states.compute(column_map, rows)[0])
-        total = sum(np.min(c.dist, initial=0.0) ** 2 for c in contacts)
+        poses = states.compute(column_map, rows)[0]
+        depths = (np.min(d.contact.dist, initial=0.0) for d in collide(model, poses))
+        total = sum(depth**2 for depth in depths)
         errors.append(float(total) / len(rows) / allowed**2)
     return errors[0], errors[1], len(rows), "depths to which it sinks into others"
 
@@ -119,9 +122,7 @@ def _compare_rollouts(context: Context, body: str, turns: Floats) -> Errors | No
     turned = context.column_map | ColumnMap(order={body: X_Y_Z_W})
     other = rollouts.evaluate(turned).share[own]
     rows = len(rollouts.rows) * int(DEPENDENT_ROWS)  # each is a start anew
-    return (
-        float(given.mean()), float(other.mean()), rows, "simulations from its pose"
-    )  # fmt: skip
+    return (float(given.mean()), float(other.mean()), rows, "simulations from its pose")
 
 
 def _compare_torques(context: Context, body: str, turns: Floats) -> Errors | None:
@@ -138,7 +139,5 @@ def _compare_torques(context: Context, body: str, turns: Floats) -> Errors | Non
     share = (other.share * other.size / given.size)[dofs]
     # errors are counted thrice: half of any inertia may be missing, which leaves
     # a quarter of a torque that should not be there
-    return (
-        3 * float(given.share[dofs].mean()), 3 * float(share.mean()),
-        len(balance.rows), "torques of its flight",
-    )  # fmt: skip
+    shares = 3 * float(given.share[dofs].mean()), 3 * float(share.mean())
+    return *shares, len(balance.rows), "torques of its flight"

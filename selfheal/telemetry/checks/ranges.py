@@ -1,6 +1,6 @@
 """Ranges: takes readings and commands, finds those beyond what the model states."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,8 +8,15 @@ import numpy as np
 from ...recording import find_joint, list_controls
 from ...recording.data import Floats
 from ..context import Context
-from ..fault import Correction, Fault, ModelCorrection, correct_factor, format_columns
-from ..hypotheses import correct_share
+from ..fault import (
+    ColumnCorrection,
+    Correction,
+    Fault,
+    ModelCorrection,
+    format_columns,
+    multiply,
+)
+from ..hypotheses import spread
 from ..joints import JointColumns, shares_unit
 from ..relations import SHARES, UNITS, list_units
 
@@ -82,75 +89,80 @@ def _measure_beyond(
     return tuple(ids), seconds, lowest, highest
 
 
+def get_slack(joint: JointColumns) -> float:
+    """How far beyond its range a joint's readings may be [its unit]."""
+    return max(TOLERANCE[joint.unit], TOLERANCE_SHARE * joint.span)
+
+
 def _check_joint(context: Context, joint: JointColumns) -> Fault | None:
     if not joint.range:
         return None
-    model, (low, high), unit = context.model, joint.range, _get_unit(context, joint)
-    if fault := _check_unit(context, joint, unit):
+    columns = context.read(joint.position)
+    if fault := _check_unit(context, joint, columns):
         return fault
-    slack = max(TOLERANCE[unit], TOLERANCE_SHARE * (high - low))
-    slack += float(model.jnt_margin[joint.number]) + soften(model, joint.number)
-    columns = {
-        k: (e.time, e.signals[joint.position].values.reshape(e.time.size))
-        for k, e in context.recording.episodes.items() if joint.position in e.signals
-    }  # fmt: skip
+    (low, high), unit = joint.range, joint.unit
+    slack = float(context.model.jnt_margin[joint.number])
+    slack += get_slack(joint) + soften(context.model, joint.number)
     ids, seconds, lowest, highest = _measure_beyond(columns, low - slack, high + slack)
     if seconds < BEYOND_SECONDS:
         return None
     at = lowest if lowest < low - slack else low
     to = highest if highest > high + slack else high
     reached = lowest if lowest < low - slack else highest
-    return Fault(
-        "joint_range", ids, (joint.position,), joint.name,
+    seen = (
         f"{format_columns([joint.position])} reaches {reached:.4g} {unit}, beyond the "
         f"model's range of {low:.4g} to {high:.4g} {unit}, for {seconds:.2f} s: the "
-        "model's range is what is wrong, or the zero or unit of the column",
-        corrections=(ModelCorrection(
-            f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/>', unit),),
-    )  # fmt: skip
+        "model's range is what is wrong, or the zero or unit of the column"
+    )
+    xml = f'<joint name="{joint.name}" range="{at:.4g} {to:.4g}"/>'
+    correction = ModelCorrection(xml, unit)
+    said = ids, (joint.position,), joint.name, seen
+    return Fault("joint_range", *said, corrections=(correction,))
 
 
-def _get_unit(context: Context, joint: JointColumns) -> str:
-    """The unit of the contract that a joint's position has."""
-    first = next(e.signals[joint.position] for e in context.recording.episodes.values()
-                 if joint.position in e.signals)  # fmt: skip
-    return "m" if first.unit == "m" else "rad"
-
-
-def _check_unit(context: Context, joint: JointColumns, unit: str) -> Fault | None:
+def _check_unit(
+    context: Context, joint: JointColumns, columns: Mapping[str, tuple[Floats, Floats]]
+) -> Fault | None:
     """A unit, where readings span so many ranges that no range could be that wrong."""
-    x = context.read(joint.position)
+    x = np.concatenate([values for _, values in columns.values()])
     x = x[np.isfinite(x)]
     low, high = np.quantile(x, [1 - INNER, INNER]) if x.size else (0.0, 0.0)
-    if high - low < max(RANGES * joint.span, TURN if unit == "rad" else 0.0):
+    if high - low < max(RANGES * joint.span, TURN if joint.unit == "rad" else 0.0):
         return None
-    fitting = list_fitting(joint, float(low), float(high), unit)
-    whole = bool(np.all(x == np.round(x)))
-    other = "whole numbers, as counts of an encoder are" if whole else "another one"
-    said = " or ".join(fitting) or other
     bottom, top = joint.range or (0.0, 0.0)
-    columns, corrections = [joint.position], [_correct_unit(joint, fitting)]
-    if fitting and shares_unit(context.recording, joint):
-        columns.append(joint.velocity)
-        factor = list_units(joint.span)[fitting[0]]
-        corrections.append(correct_factor(joint.velocity, 1 / factor))
-    having = [k for k, e in context.recording.episodes.items()
-              if joint.position in e.signals]  # fmt: skip
-    return Fault(
-        "unit", tuple(having), tuple(columns), joint.name,
-        f"{format_columns(columns)}: the unit is {said} (from {low:.4g} to {high:.4g}, "
-        f"where the model's range is {bottom:.4g} to {top:.4g} {unit})",
-        corrections=tuple(corrections),
-    )  # fmt: skip
+    names, fitting = [joint.position], list_fitting(joint, float(low), float(high))
+    corrections: list[Correction] = []
+    if fitting:
+        divide = multiply(1 / list_units(joint.span)[fitting[0]])
+        change = spread(joint, fitting[0]) if fitting[0] in SHARES else divide
+        corrections.append(ColumnCorrection(joint.position, change))
+        if shares_unit(context.recording, joint):
+            names.append(joint.velocity)
+            corrections.append(ColumnCorrection(joint.velocity, divide))
+    else:
+        whole = bool(np.all(x == np.round(x)))
+        fitting = [
+            "whole numbers, as counts of an encoder are" if whole else "another one"
+        ]
+        corrections.append(
+            f"from_range = [AT_LOW, AT_HIGH], to_range = [{bottom:.6g}, {top:.6g}] of "
+            f"{format_columns(names)}"
+        )
+    seen = (
+        f"{format_columns(names)}: the unit is {' or '.join(fitting)} (from {low:.4g} "
+        f"to {high:.4g}, where the model's range is {bottom:.4g} to {top:.4g} "
+        f"{joint.unit})"
+    )
+    said = tuple(columns), tuple(names), joint.name, seen
+    return Fault("unit", *said, corrections=tuple(corrections))
 
 
-def list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> list[str]:
-    """Units in which readings are within the joint's range."""
+def list_fitting(joint: JointColumns, low: float, high: float) -> list[str]:
+    """Units in which readings are within the joint's range, the likeliest first."""
     bottom, top = joint.range or (0.0, 0.0)
-    usual = {"rad": "degrees", "m": "thousandths"}[unit]
+    usual = {"rad": "degrees", "m": "thousandths"}[joint.unit]
+    slack, factor = SHARE_SLACK * (top - bottom), UNITS[usual]
     found = []
-    slack = SHARE_SLACK * (top - bottom)
-    factor = UNITS[usual]
     if bottom - slack <= low / factor and high / factor <= top + slack:
         found.append(usual)
     for name, full in SHARES.items():
@@ -158,19 +170,6 @@ def list_fitting(joint: JointColumns, low: float, high: float, unit: str) -> lis
             found.append(name)
             break  # what fits a hundred fits more, too
     return found
-
-
-def _correct_unit(joint: JointColumns, fitting: Sequence[str]) -> Correction:
-    """How to read the column, by the units that fit, the likeliest first."""
-    if fitting and fitting[0] in SHARES:
-        return correct_share(joint.position, joint, fitting[0])
-    if fitting:
-        return correct_factor(joint.position, 1 / UNITS[fitting[0]])
-    bottom, top = joint.range or (0.0, 0.0)
-    return (
-        f"from_range = [AT_LOW, AT_HIGH], to_range = [{bottom:.6g}, {top:.6g}] of "
-        f"{format_columns([joint.position])}"
-    )
 
 
 def _check_command(context: Context, control: int) -> Fault | None:
@@ -184,11 +183,10 @@ def _check_command(context: Context, control: int) -> Fault | None:
     if not ids:
         return None
     name = list_controls(model)[control].full_name
-    return Fault(
-        "command_range", ids, (name,), name,
+    seen = (
         f"the command of {format_columns([name])} goes from {lowest:.4g} to "
         f"{highest:.4g}, beyond the model's {low:.4g} to {high:.4g}, for "
-        f"{seconds:.2f} s: MuJoCo clips it",
-        corrections=(
-            f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}',),
-    )  # fmt: skip
+        f"{seconds:.2f} s: MuJoCo clips it"
+    )
+    ends = f'ctrlrange="{min(low, lowest):.4g} {max(high, highest):.4g}" of {name}'
+    return Fault("command_range", ids, (name,), name, seen, corrections=(ends,))

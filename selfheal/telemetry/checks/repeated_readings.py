@@ -44,12 +44,11 @@ class _Hold(NamedTuple):
 
 def find(context: Context) -> Iterator[Fault]:
     """Signals that hold each reading for several samples, while others go on."""
-    goals = {n: j.servo.command for j in context.joints.values() if j.servo
-             for n in j.columns}  # fmt: skip
+    servos = [j for j in context.joints.values() if j.servo]
+    goals = {n: j.servo.command for j in servos for n in j.columns if j.servo}
     columns = context.list_columns(
-        (*READ, "joint_torque"), MIN_JUMPS,
-        lambda values: np.std(values, axis=0),
-    )  # fmt: skip
+        (*READ, "joint_torque"), MIN_JUMPS, lambda values: np.std(values, axis=0)
+    )
     held: dict[str, list[tuple[str, _Hold]]] = {}
     count = 0
     for episode, name, time, values in columns:
@@ -108,27 +107,25 @@ def _report(
     """Faults of the signals that are held alike, of so many columns."""
     from scipy.stats import binom
 
-    alike: dict[int, list[str]] = {}
-    p_values = dict[str, float]()
+    alike, p_values = dict[int, list[str]](), dict[str, float]()
     for name, cases in held.items():
         nothing = sum(h.nothing for _, h in cases)
         total = nothing + sum(h.other for _, h in cases)
-        p_values[name] = max(
-            float(binom.sf(nothing - 1, total, NOTHING)) * count, 1e-300
-        )
-        if p_values[name] < MAX_P_VALUE:
+        p = float(binom.sf(nothing - 1, total, NOTHING)) * count
+        if p < MAX_P_VALUE:
+            p_values[name] = max(p, 1e-300)
             samples = int(np.median([h.samples for _, h in cases]))
             alike.setdefault(samples, []).append(name)
     for samples, names in alike.items():
         cases = [case for name in names for case in held[name]]
         seconds = float(np.median([h.seconds for _, h in cases]))
-        signal = recording.episodes[cases[0][0]].signals[names[0]]
-        yield Fault(
-            "stale", tuple(dict.fromkeys(k for k, _ in cases)), tuple(names),
-            signal.target,
-            f"{format_columns(names)} hold{'s' * (len(names) == 1)} each reading for "
-            f"{samples} samples, {1e3 * seconds:.3g} ms, while the joint or body moves",
-            max(p_values[n] for n in names), BASIS,
-            (f"leave repeated cells of {format_columns(names)} empty in the log, or "
-             "the columns out",),
-        )  # fmt: skip
+        target = recording.episodes[cases[0][0]].signals[names[0]].target
+        said = format_columns(names)
+        seen = (
+            f"{said} hold{'s' * (len(names) == 1)} each reading for {samples} samples, "
+            f"{1e3 * seconds:.3g} ms, while the joint or body moves"
+        )
+        advice = f"leave repeated cells of {said} empty in the log, or the columns out"
+        ids, p = dict.fromkeys(k for k, _ in cases), max(p_values[n] for n in names)
+        where = tuple(ids), tuple(names), target
+        yield Fault("stale", *where, seen, p, BASIS, (advice,))

@@ -33,10 +33,8 @@ def find(context: Context) -> Iterator[Fault]:
             "duplicate": "leave out the rows that repeat a time",
             "jitter": "[time] rate = HZ in the map, if the rows were taken evenly",
         }[kind]
-        yield Fault(
-            kind, tuple(name for _, name, _ in cases), (), "",
-            f"episode {worst!r}: {said}", corrections=(correction,),
-        )  # fmt: skip
+        ids, seen = tuple(name for _, name, _ in cases), f"episode {worst!r}: {said}"
+        yield Fault(kind, ids, (), "", seen, corrections=(correction,))
 
 
 def _examine(episode: Episode) -> Mapping[str, tuple[float, str]]:
@@ -76,8 +74,7 @@ def _is_even_instead(episode: Episode) -> bool:
     even = np.linspace(episode.time[0], episode.time[-1], episode.time.size)
     better = []
     for signal in episode.signals.values():
-        values = signal.values.reshape(episode.time.size, -1)
-        for x in values.T:
+        for x in signal.values.reshape(episode.time.size, -1).T:
             read = np.isfinite(x)
             if read.sum() > MIN_SAMPLES and np.std(x[read]) > 0:
                 stamped = _roughness(episode.time[read], x[read])

@@ -19,27 +19,26 @@ def find(context: Context) -> Iterator[Fault]:
 
     The recording of the context is then without these readings.
     """
-    seen, episodes = dict[str, tuple[int, int]](), {**context.recording.episodes}
-    columns = dict[str, None]()
+    counts, columns = dict[str, tuple[int, int]](), dict[str, None]()
+    episodes = {**context.recording.episodes}
     for key, episode in context.recording.episodes.items():
         rows, names = _find_in_episode(episode)
         if names:
             first = _stack(episode, names[:1])
-            read = int(np.isfinite(first).all(axis=1).sum())
-            seen[key] = int(rows.sum()), read
+            counts[key] = int(rows.sum()), int(np.isfinite(first).all(axis=1).sum())
             columns |= dict.fromkeys(names)
             episodes[key] = _leave_out(episode, rows, names)
-    if not seen:
+    if not counts:
         return
     context.recording = replace(context.recording, episodes=episodes)
-    zeros, read = (sum(counts) for counts in zip(*seen.values(), strict=True))
-    yield Fault(
-        "zeros", tuple(seen), tuple(columns), "",
+    zeros, read = (sum(each) for each in zip(*counts.values(), strict=True))
+    seen = (
         f"in {zeros} of {read} rows {format_columns(list(columns)[:3])}"
         f"{' and others' * (len(columns) > 3)} are 0 at once, and go there and back "
-        "as no motion does: rows of a second publisher, or of a bus that was lost",
-        corrections=tuple(ColumnCorrection(n, {"missing": 0.0}) for n in columns),
-    )  # fmt: skip
+        "as no motion does: rows of a second publisher, or of a bus that was lost"
+    )
+    rules = tuple(ColumnCorrection(name, {"missing": 0.0}) for name in columns)
+    yield Fault("zeros", tuple(counts), tuple(columns), "", seen, corrections=rules)
 
 
 def _find_in_episode(episode: Episode) -> tuple[np.ndarray, list[str]]:
