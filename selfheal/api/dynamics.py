@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from ..errors import InputError
 
@@ -24,7 +24,7 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
     """Refuse a number of moves that makes no sense, or of a robot that makes none.
 
     Args:
-        has_folder: whether there is one for what they tell.
+        has_folder: whether there is one for what is identified from them.
 
     Raises:
         InputError: says what would fit.
@@ -36,7 +36,9 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
     if not 0 <= moves <= MOST_MOVES:
         raise InputError(f"moves must be 0 to {MOST_MOVES}; not {moves}")
     if moves and not has_folder:
-        raise InputError("moves need a folder for what they tell; give out")
+        raise InputError(
+            "moves need a folder for what is identified from them; give out"
+        )
     if moves:
         require_mover(robot)
     if moves and isinstance(robot, SimulatedRobot):
@@ -45,7 +47,7 @@ def check_moves(robot: "Robot", moves: int, *, has_folder: bool) -> None:
 
 def identify_dynamics(
     run: "Run", robot: "Robot", path: Path, model: Path, stage: Stage
-) -> dict[str, Any]:
+) -> dict[str, object]:
     """Have the robot move, diagnose its best body by that, and write what was found.
 
     Where the torso lies still in all moves, so that only joints move, that body is

@@ -3,11 +3,19 @@
 import math
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict, Unpack, cast
 
 from ..errors import InputError, check_seed
-from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
+from .run_files import (
+    REPORT,
+    PathLike,
+    RunOptions,
+    begin_run_file,
+    follow_phases,
+    take_place,
+)
 
 if TYPE_CHECKING:
     from ..body.damage import Damage
@@ -18,20 +26,36 @@ if TYPE_CHECKING:
 _RUN = "heal.h5"
 
 
+class HealOptions(TypedDict, total=False):
+    """What `heal` takes besides the run and the damage; all of it may be left out.
+
+    Attributes:
+        hours: in place of a damage: how long it walks [h], while damages drawn by the
+            seed happen.
+        heading: walking direction, from forward to the left [rad].
+        gait: its parameterization: "waves", or "poses" as in 2006.
+        seed: of all random numbers.
+        robot: that was identified; None opens it by its name.
+    """
+
+    hours: float | None
+    heading: float
+    gait: str
+    seed: int
+    robot: "Robot | None"
+
+
+class _AllOptions(HealOptions, RunOptions):
+    """What `heal` takes by name."""
+
+
 def heal(
     run: "PathLike | Run | None" = None,
     damage: "str | Sequence[Damage] | None" = None,
     *,
-    hours: float | None = None,
-    heading: float = 0.0,
-    gait: str = "waves",
-    seed: int = 0,
-    robot: "Robot | None" = None,
-    out: Folder | None = None,
-    resume: PathLike | None = None,
-    force: bool = False,
     progress: Callable[[str, str, float], None] | None = None,
     on_step: "Callable[[HealRun], None] | None" = None,
+    **options: Unpack[_AllOptions],
 ) -> "HealRun":
     """Walk, notice a damage, find what it is, and walk again.
 
@@ -39,16 +63,9 @@ def heal(
         run: a finished run of `identify`, or its file. With `resume` it may be left
             out, if that run has a file.
         damage: what happens to the robot, in the words of `selfheal heal --damage`.
-        hours: instead: how long it walks [h], while damages drawn by the seed happen.
-        heading: direction to walk, from forward to the left [rad].
-        gait: how gaits are written: "waves", or "poses" as in 2006.
-        robot: that was identified; None opens it by its name.
-        out: folder for `heal.h5` and `report.html`; None writes nothing. A function is
-            given the run's name and makes the folder.
-        resume: file of a heal to go on with, by its own settings.
-        force: replace a heal that is in `out` already.
         progress: given the phase, what it does, and the share done (0 to 1).
         on_step: given the run when it begins, and after each phase.
+        **options: as `HealOptions` and `RunOptions` list them.
 
     Returns:
         The finished run. `result` has what `selfheal heal --json` prints.
@@ -63,15 +80,16 @@ def heal(
     from ..robot.open_robot import name_robot
 
     callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
+    out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):
             begun = load_phased_run(resume, HealRun)
-            known = load_identified(run or begun.settings.run, robot)
+            known = load_identified(run or begun.settings.run, options.get("robot"))
             return _finish_heal(begun, known, Path(resume), *callbacks)
-    if run is None or (damage is None) == (hours is None):
+    if run is None or (damage is None) == (options.get("hours") is None):
         raise InputError("give a run and a damage or hours, or a heal to resume")
-    known, settings = _make_settings(run, damage, hours, heading, gait, seed, robot)
-    name = f"heal-{name_robot(known[1])}-{seed}"
+    known, settings = _make_settings(run, damage, **cast(HealOptions, options))
+    name = f"heal-{name_robot(known[1])}-{settings.seed}"
     with begin_run_file(out, _RUN, name=name, force=force) as path:
         begun = HealRun(settings)
         if path:
@@ -92,7 +110,9 @@ def check_gait_settings(gait: str, heading: float, seed: int) -> None:
 
     find_pattern(gait)
     if not abs(heading) <= 2 * math.pi:
-        raise InputError(f"the heading must be -2 pi to 2 pi rad; not {heading}")
+        raise InputError(
+            f"the heading must be -2 pi to 2 pi rad, within one turn; not {heading}"
+        )
     check_seed(seed)
 
 
@@ -127,11 +147,7 @@ def load_identified(
 def _make_settings(
     run: "PathLike | Run",
     damage: "str | Sequence[Damage] | None",
-    hours: float | None,
-    heading: float,
-    gait: str,
-    seed: int,
-    robot: "Robot | None",
+    **options: Unpack[HealOptions],
 ) -> "tuple[tuple[Run, Walker], HealSettings]":
     """The run, its robot and the settings of a new heal, checked."""
     import numpy as np
@@ -141,27 +157,28 @@ def _make_settings(
     from ..robot.accidents import draw_strikes, parse_accident
     from ..selfmodel.run import Run
 
+    gait, heading = options.get("gait", "waves"), options.get("heading", 0.0)
+    seed, hours = options.get("seed", 0), options.get("hours")
     check_gait_settings(gait, heading, seed)
     if hours is not None:
         check_hours(hours)
-    known = load_identified(run, robot)
+    known = load_identified(run, options.get("robot"))
     file = run.result.get("run", "") if isinstance(run, Run) else os.path.abspath(run)
-    if damage is None:
-        truth = known[1].truth
-        if truth is None or hours is None:
-            raise InputError(
-                f"robot {known[1].name!r} is not simulated, so nobody can break it"
-            )
-        rng = np.random.default_rng([seed, 31])
-        strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
-        return known, HealSettings(
-            file, tuple(s.damage for s in strikes), gait=gait, heading=heading,
-            seed=seed, hours=hours, onsets=tuple(s.time for s in strikes),
-        )  # fmt: skip
-    if isinstance(damage, str):
-        damage = parse_accident(damage, known[0].anatomy)
-    onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
-    return known, HealSettings(file, tuple(damage), onset, gait, heading, seed)
+    settings = HealSettings(file, (), gait=gait, heading=heading, seed=seed)
+    if hours is None:
+        if isinstance(damage, str):
+            damage = parse_accident(damage, known[0].anatomy)
+        onset = float(np.random.default_rng([seed, 30]).uniform(8, 20))
+        return known, replace(settings, damage=tuple(damage or ()), onset=onset)
+    truth = known[1].truth
+    if truth is None:
+        raise InputError(
+            f"robot {known[1].name!r} is not simulated, so nobody can break it"
+        )
+    rng = np.random.default_rng([seed, 31])
+    strikes = draw_strikes(truth, 3600 * hours, PAUSE, rng)
+    damages, onsets = (tuple(s.damage for s in strikes), tuple(s.time for s in strikes))
+    return known, replace(settings, damage=damages, hours=hours, onsets=onsets)
 
 
 def _finish_heal(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 from ..errors import InputError
 from .dynamics import DYNAMICS, HELD, MOVES, check_moves, identify_dynamics
-from .run_files import REPORT, Folder, PathLike, begin_run_file
+from .run_files import REPORT, PathLike, RunOptions, begin_run_file, take_place
 
 if TYPE_CHECKING:
     from ..robot.base import Robot
@@ -36,9 +36,9 @@ class IdentifyOptions(TypedDict, total=False):
         engine: "auto", "statics", "mjx" or "mujoco".
         cycles: number of actions to try; None takes 16, or all where there are fewer.
         budget: number of simulations of the search; None takes the method's own.
-        seed: of everything random, 0 by default.
-        moves: number of moves over time that tell the dynamics of the joints of the
-            body that was found, 0 by default; they need `out`.
+        seed: of all random numbers, 0 by default.
+        moves: number of motions from which the dynamics of the joints of the best body
+            are identified, 0 by default; they need `out`.
     """
 
     recordings: PathLike | None
@@ -53,34 +53,31 @@ class IdentifyOptions(TypedDict, total=False):
     moves: int
 
 
+class _AllOptions(IdentifyOptions, RunOptions):
+    """What `identify` takes by name."""
+
+
 def identify(
     robot: "str | Robot | None" = None,
     *,
-    out: Folder | None = None,
-    resume: PathLike | None = None,
-    force: bool = False,
     progress: Callable[[int], None] | None = None,
     on_step: "Callable[[Run], None] | None" = None,
     on_stage: Callable[[str, float], None] | None = None,
-    **options: Unpack[IdentifyOptions],
+    **options: Unpack[_AllOptions],
 ) -> "Run":
-    """Find out what a robot's body is, by actions that tell its rivals apart.
+    """Find out what a robot's body is, by actions on which candidates disagree.
 
     Args:
         robot: its name, as `selfheal robots` lists it, or the robot itself. With
             `resume` it may be left out.
-        out: folder for `run.h5`, `best.xml` and `report.html`; None writes nothing. A
-            function is given the run's name and makes the folder.
-        resume: file of a run to go on with, by its own settings.
-        force: replace a run that is in `out` already.
         progress: given the number of the search's simulations so far.
         on_step: given the run when it begins, and after each cycle.
         on_stage: called with what is being done of the moves, and its share (0 to 1).
-        **options: as `IdentifyOptions` lists them.
+        **options: as `IdentifyOptions` and `RunOptions` list them.
 
     Returns:
         The finished run. `run.result` has what `selfheal identify --json` prints:
-        parents, lengths [m] and stated probabilities of the attachments.
+        parents, lengths [m] and probabilities of the attachments.
 
     Raises:
         InputError: a setting makes no sense, or `out` holds a run already.
@@ -92,14 +89,15 @@ def identify(
     from ..selfmodel.read_run import load_run
     from ..selfmodel.run import Run, save_run
 
-    tell = on_stage or (lambda what, share: None)
-    callbacks = progress or (lambda count: None), on_step or (lambda run: None), tell
+    stage = on_stage or (lambda what, share: None)
+    callbacks = progress or (lambda count: None), on_step or (lambda run: None), stage
+    out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):
             return _finish_run(load_run(resume), robot, Path(resume), *callbacks)
     if robot is None:
         raise InputError("give either a robot or a run to resume")
-    settings = _make_settings(robot, **options)
+    settings = _make_settings(robot, **cast(IdentifyOptions, options))
     robot = _open_robot(robot, settings)
     if options.get("cycles") is None:
         settings = replace(settings, cycles=min(settings.cycles, len(robot.actions)))

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Unpack
+from typing import TYPE_CHECKING, TypedDict, Unpack, cast
 
 from ..errors import InputError, UnknownNameError, check_seed
-from .run_files import REPORT, Folder, PathLike, begin_run_file, follow_phases
+from .run_files import REPORT, RunOptions, begin_run_file, follow_phases, take_place
 
 if TYPE_CHECKING:
     from ..recovery.recover_run import RecoverRun, RecoverSettings
@@ -22,7 +22,7 @@ class RecoverOptions(TypedDict, total=False):
         reach: of the joints to either side, 30 or 45 [deg].
         apart: count a hexapod's hip as two joints, each of which can break.
         gap: share by which the robot may be off its model, 0 to 0.5 [1].
-        seed: of everything random.
+        seed: of all random numbers.
         trials: most trials of a new controller on the broken robot.
         generations: of each search.
     """
@@ -36,17 +36,18 @@ class RecoverOptions(TypedDict, total=False):
     generations: int
 
 
+class _AllOptions(RecoverOptions, RunOptions):
+    """What `recover` takes by name."""
+
+
 def recover(
     robot: str | None = None,
     scenario: int | None = None,
     *,
     driven: "DrivenRobot | None" = None,
-    out: Folder | None = None,
-    resume: PathLike | None = None,
-    force: bool = False,
     progress: Callable[[str, str, float], None] | None = None,
     on_step: "Callable[[RecoverRun], None] | None" = None,
-    **options: Unpack[RecoverOptions],
+    **options: Unpack[_AllOptions],
 ) -> "RecoverRun":
     """Break a walking robot that knows its body, find what broke, and walk again.
 
@@ -54,13 +55,9 @@ def recover(
         robot: "quadruped" or "hexapod". With `resume` left out.
         scenario: number of what breaks, 1 to 15, as `selfheal recover --help` says.
         driven: the robot that is run; None simulates it by the settings.
-        out: folder for `recover.h5` and `report.html`; None writes nothing. A function
-            is given the run's name and makes the folder.
-        resume: file of a recovery to go on with, by its own settings.
-        force: replace a recovery that is in `out` already.
         progress: given the phase, what it does, and the share done (0 to 1).
         on_step: given the run when it begins, and after each phase.
-        **options: as `RecoverOptions` lists them.
+        **options: as `RecoverOptions` and `RunOptions` list them.
 
     Returns:
         The finished run. `result` has what `selfheal recover --json` prints.
@@ -74,13 +71,15 @@ def recover(
     from ..recovery.recover_run import RecoverRun
 
     callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
+    out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):
             run = load_phased_run(resume, RecoverRun)
             return _finish_run(run, driven, Path(resume), *callbacks)
     if robot is None or scenario is None:
         raise InputError("give a robot and a scenario, or a recovery to resume")
-    settings = make_recover_settings(robot, scenario, **options)
+    rest = cast(RecoverOptions, options)
+    settings = make_recover_settings(robot, scenario, **rest)
     name = f"recover-{robot}-{settings.seed}"
     with begin_run_file(out, RUN, name=name, force=force) as path:
         run = RecoverRun(settings)
@@ -92,7 +91,7 @@ def recover(
 def make_recover_settings(
     robot: str, scenario: int, **options: Unpack[RecoverOptions]
 ) -> "RecoverSettings":
-    """What a recovery is asked to do, checked.
+    """The checked settings of a recovery.
 
     Args:
         robot: "quadruped" or "hexapod".

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 
 from ..errors import InputError
 from ..files import check_writable_folder, lock_file
@@ -17,6 +17,27 @@ PathLike = str | os.PathLike[str]
 # a folder, or a function that makes one from the name of the run
 Folder = PathLike | Callable[[str], Path]
 REPORT = "report.html"
+
+
+class RunOptions(TypedDict, total=False):
+    """Where `identify`, `heal` and `recover` write; all of it may be left out.
+
+    Attributes:
+        out: folder for the run's file and its page; without it nothing is written. A
+            function is given the run's name and makes the folder.
+        resume: file of a run to continue, by its own settings.
+        force: replace a run that is in `out` already.
+    """
+
+    out: Folder | None
+    resume: PathLike | None
+    force: bool
+
+
+def take_place(options: RunOptions) -> tuple[Folder | None, PathLike | None, bool]:
+    """`out`, `resume` and `force` of options, which then are settings alone."""
+    out, resume = options.pop("out", None), options.pop("resume", None)
+    return out, resume, options.pop("force", False)
 
 
 @contextmanager
