@@ -36,18 +36,30 @@ for _command, _example, _page in (
     (identify.show, "selfheal show runs/starfish-0/run.h5", "quickstart.md"),
     (identify.robots, "selfheal robots", "add-a-robot.md"),
     (heal.gait, "selfheal gait runs/starfish-0/run.h5", "how-heal-works.md"),
-    (heal.heal, "selfheal heal runs/starfish-0/run.h5 --damage right_lower:0.1",
-     "how-heal-works.md"),
+    (
+        heal.heal,
+        "selfheal heal runs/starfish-0/run.h5 --damage right_lower:0.1",
+        "how-heal-works.md",
+    ),
     (heal.watch, "selfheal watch body.xml recording.h5 --learn 20", "quickstart.md"),
-    (recover.recover, "selfheal recover --robot quadruped --scenario 2",
-     "how-recover-works.md"),
-    (diagnose.diagnose, "selfheal diagnose model.xml recording.h5 --out diagnosis",
-     "how-diagnose-works.md"),
-    (diagnose.replay, "selfheal replay diagnosis recording.h5 --out predicted.h5",
-     "quickstart.md"),
+    (
+        recover.recover,
+        "selfheal recover --robot quadruped --scenario 2",
+        "how-recover-works.md",
+    ),
+    (
+        diagnose.diagnose,
+        "selfheal diagnose model.xml recording.h5 --out diagnosis",
+        "how-diagnose-works.md",
+    ),
+    (
+        diagnose.replay,
+        "selfheal replay diagnosis recording.h5 --out predicted.h5",
+        "quickstart.md",
+    ),
     (diagnose.effects, "selfheal effects", "effects.md"),
     (example.example, "selfheal example pendulum --out pendulum", "four-logs.md"),
-):  # fmt: skip
+):
     app.command(epilog=make_epilog(_example, _page))(_command)
 recording.app.command(
     epilog=make_epilog(

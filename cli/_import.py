@@ -1,12 +1,13 @@
 """`selfheal recording import`: what it prints of a guess and of what was done."""
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from selfheal.printable import join_names
 
-from ._print import print_line
+from ._print import print_document, print_line
 
 if TYPE_CHECKING:
     from selfheal.logs.guessing.guess import Guess
@@ -14,13 +15,9 @@ if TYPE_CHECKING:
     from selfheal.logs.offsets import Offset
 
 
-def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
-    """A guess as JSON.
-
-    Args:
-        path: of the map that holds it.
-    """
-    columns = []
+def print_guess_as_json(guess: "Guess", path: Path) -> None:
+    """A guess, and the path of the map that holds it."""
+    columns = list[dict[str, object]]()
     for line in guess.lines:
         width = len(line.columns) // len(line.targets)
         columns += [
@@ -35,15 +32,8 @@ def summarize_guess(guess: "Guess", path: Path) -> dict[str, Any]:
             }
             for k, target in enumerate(line.targets)
         ]
-    return {
-        "format": "selfheal-map-guess",
-        "version": 1,
-        "map": str(path),
-        "columns": columns,
-        "unused": guess.unused,
-        "missing": guess.missing,
-        "remarks": guess.remarks,
-    }
+    said = {name: getattr(guess, name) for name in ("unused", "missing", "remarks")}
+    print_document("map-guess", map=str(path), columns=columns, **said)
 
 
 def print_import(report: "ImportReport", path: Path) -> None:
@@ -61,33 +51,35 @@ def print_import(report: "ImportReport", path: Path) -> None:
     for stream, found in rates.items():
         ends = dict.fromkeys((f"{min(found):.4g}", f"{max(found):.4g}"))
         print_line(f"{stream or 'the log'}: {' to '.join(ends)} Hz")
+    for line in _list_remarks(report):
+        print_line(line)
+
+
+def _list_remarks(report: "ImportReport") -> Iterator[str]:
+    """What was assumed, corrected and left out."""
     for unit, names in report.assumed.items():
-        print_line(
+        yield (
             f"assumed to be in {unit}, for neither map nor log states a unit: "
             f"{join_names(names)}"
         )
-    for offset in report.offsets:
-        print_line(_describe_offset(offset))
+    yield from map(_describe_offset, report.offsets)
     if report.lag:
         ends = dict.fromkeys(f"{1000 * seconds:.0f}" for seconds in report.lag)
-        print_line(
+        yield (
             f"all positions follow their commands {' to '.join(ends)} ms later: the "
             "drives' delay and lag, or one shift between the two clocks, which this "
             "log cannot tell apart."
         )
     for log, losses in report.losses.items():
-        print_line(f"{log} is damaged: {'; '.join(losses)}; that was left out.")
-    if report.sorted:
-        print_line(f"{report.sorted} rows stood behind later ones and were sorted in.")
-    if report.dropped:
-        print_line(
-            f"{report.dropped} rows had no time, or one that another row has; they "
-            "were left out."
-        )
-    if report.before_command:
-        print_line(f"{report.before_command} rows before the first command: left out.")
-    for remark in report.remarks:
-        print_line(f"look: {remark}")
+        yield f"{log} is damaged: {'; '.join(losses)}; that was left out."
+    for count, said in (
+        (report.sorted, "rows stood behind later ones and were sorted in."),
+        (report.dropped, "rows had no time, or one that another row has; left out."),
+        (report.before_command, "rows before the first command: left out."),
+    ):
+        if count:
+            yield f"{count} {said}"
+    yield from (f"look: {remark}" for remark in report.remarks)
 
 
 def _describe_offset(offset: "Offset") -> str:
@@ -101,15 +93,3 @@ def _describe_offset(offset: "Offset") -> str:
         return f"{said}: as good as none."
     stream = json.dumps(offset.stream)
     return f"{said}; in the map: [time.streams.{stream}] offset = {-late / 1000:.4f}"
-
-
-def summarize_import(report: "ImportReport", path: Path) -> dict[str, Any]:
-    """An import as JSON."""
-    from dataclasses import asdict
-
-    return {
-        "format": "selfheal-import",
-        "version": 1,
-        "recording": str(path),
-        **asdict(report),
-    }

@@ -9,7 +9,7 @@ import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from selfheal.printable import make_printable
 
@@ -22,14 +22,22 @@ if TYPE_CHECKING:
 Cell = str | Sequence[str]
 
 
-def print_json(result: Mapping[str, Any]) -> None:
+def print_json(result: Mapping[str, object]) -> None:
     """Print one JSON object, and refuse what JSON has no word for (NaN)."""
     print(json.dumps(result, allow_nan=False), flush=True)
 
 
-def print_line(line: str) -> None:
-    """Print a line."""
-    print(make_printable(line), flush=True)
+def print_document(name: str, /, **members: object) -> None:
+    """Print the JSON object of a command, under the format of that name."""
+    print_json({"format": f"selfheal-{name}", "version": 1, **members})
+
+
+def print_line(line: str, style: str = "") -> None:
+    """Print a line, perhaps in a style of rich; only the terminal breaks it."""
+    if style:
+        _make_console().print(_make_text(line, style), soft_wrap=True)
+    else:
+        print(make_printable(line), flush=True)
 
 
 def print_error(line: str) -> None:
@@ -37,28 +45,18 @@ def print_error(line: str) -> None:
     print(make_printable(line), file=sys.stderr, flush=True)
 
 
-def print_paragraph(text: str, indent: str = "") -> None:
+def print_paragraph(text: str, indent: str = "", style: str = "") -> None:
     """Print a text in lines as wide as the terminal, and break no word.
 
     Args:
         indent: before every line but the first.
+        style: of rich, "dim" say.
     """
-    lines = textwrap.wrap(
-        text, shutil.get_terminal_size().columns - 1, subsequent_indent=indent,
-        break_long_words=False, break_on_hyphens=False,
-    )  # fmt: skip
-    for line in lines:
-        print_line(line)
-
-
-def print_text(text: str, style: str = "", *, is_wrapped: bool = True) -> None:
-    """Print a text.
-
-    Args:
-        style: of rich, "bold" say.
-        is_wrapped: whether it is broken into lines as wide as the terminal.
-    """
-    _make_console().print(_make_text(text, style), soft_wrap=not is_wrapped)
+    width = shutil.get_terminal_size().columns - 1
+    wrap = textwrap.TextWrapper(width, subsequent_indent=indent)
+    wrap.break_long_words = wrap.break_on_hyphens = False
+    for line in wrap.wrap(make_printable(text)):
+        print_line(line, style)
 
 
 def print_table(

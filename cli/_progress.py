@@ -1,7 +1,7 @@
 """Progress of a long command: what is done and how much of it in, a bar for a user out.
 
 The bar and the time that is left go on between two reports. The share of the time that
-was over at the last one tells how long the whole takes.
+was over at the last one gives how long the whole takes.
 """
 
 import sys
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 ShowProgress = Annotated[
     bool,
-    typer.Option("--progress", help="Say how far it is, on any standard error."),
+    typer.Option("--progress", help="Print progress even without a terminal."),
 ]
 LEFT_OF_LATE = 0.05  # of the time that is over, left at least until the end; chosen
 # what is said of a stage, by the first word of what is being done
 _STAGES = {
     "trying": "trying every effect wherever it could be",
-    "fitting": "fitting the best of them together with all stated values",
+    "fitting": "fitting the best of them together with all nominal values",
 }
 _STEP = 0.05  # of the whole, after which a line says how far it is; chosen
 
@@ -34,22 +34,21 @@ _STEP = 0.05  # of the whole, after which a line says how far it is; chosen
 class ProgressBar:
     """A bar and lines on standard error; the bar only where that is a terminal.
 
-    With `--json` lines are shown where there is a bar too, or where they are asked for.
+    With `--json` lines are shown only where there is a bar, or with `--progress`.
     """
 
-    def __init__(self, what: str, *, as_json: bool, asked: bool = False) -> None:
-        """Begin.
+    def __init__(self, what: str, *, as_json: bool, progress: bool) -> None:
+        """Begin; with `progress` how far it is is said where there is no terminal, too.
 
         Args:
             as_json: whether a script reads the result.
-            asked: whether progress is to be said even where there is no terminal.
         """
         from rich.console import Console
 
         console = Console(file=unwrap(sys.stderr))
         self._console = console
-        self._is_quiet = as_json and not (console.is_terminal or asked)
-        self._says_shares = asked and not console.is_terminal
+        self._is_quiet = as_json and not (console.is_terminal or progress)
+        self._says_shares = progress and not console.is_terminal
         self._start = time.perf_counter()
         self._what, self._whole, self._most, self._said = what, 0.0, 0.0, 0.0
         self._bar = _make_bar(self) if console.is_terminal else None
@@ -94,7 +93,7 @@ class ProgressBar:
     def show(self, what: str, share: float) -> None:
         """Show what is being done and which share (0 to 1) of the time is over.
 
-        A share of 0 tells nothing new of the time that is left.
+        A share of 0 says nothing new of the time that is left.
         """
         self._what = what
         if share > 0:
@@ -158,10 +157,10 @@ class StageProgress:
         self._begun: float | None = None
 
     def compute_share(self, stage: str, share: float) -> float:
-        """Share that is done from the first stage on that was asked about.
+        """Share that is done, from the first stage on that was begun here.
 
         Args:
-            stage: that is being done; those before it are done, here or earlier.
+            stage: those before it are done, here or earlier.
             share: of it that is done, 0 to 1.
         """
         names = list(self.weights)

@@ -1,7 +1,8 @@
 """Folders of runs: names in, folders that are free or may be written over out."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
 
@@ -24,22 +25,20 @@ class RunFolder:
         self.path = Path()
 
     def __call__(self, name: str) -> Path:
-        """Make the folder for a run of this name."""
-        self.path = (
-            make_run_folder(name, self.force)
-            if self.out is None
-            else check_writable_folder(self.out)
-        )
+        """Make the folder for a run of this name, with a number behind if it is taken.
+
+        It is made here, so that no other process takes it too.
+        """
+        if self.out is not None:
+            self.path = check_writable_folder(self.out)
+            return self.path
+        runs = check_writable_folder("runs")
+        for each in _number(name):
+            self.path = runs / each
+            with suppress(FileExistsError):
+                self.path.mkdir(exist_ok=self.force)
+                break
         return self.path
-
-
-def make_run_folder(name: str, force: bool) -> Path:
-    """runs/NAME, or with a number behind if that is taken and not to be overwritten.
-
-    Made here, so that no other process takes it too.
-    """
-    runs = check_writable_folder("runs")
-    return next(runs / n for n in _number(name) if _make_folder(runs / n, force))
 
 
 def choose_run_folder(name: str) -> Path:
@@ -53,17 +52,10 @@ def _number(name: str) -> Iterator[str]:
     return chain([name], (f"{name}.{number}" for number in count(2)))
 
 
-def _make_folder(folder: Path, force: bool) -> bool:
-    """Whether this process made the folder, or may use the one that is there."""
-    try:
-        folder.mkdir(exist_ok=force)
-    except FileExistsError:
-        return False
-    return True
-
-
-def refuse_existing(path: Path, *, force: bool) -> None:
-    """Refuse to write over a file, unless the user said so."""
+def refuse_existing(path: Path, used: Iterable[Path], *, force: bool) -> None:
+    """Refuse to write over files that are used, and over any other unless forced."""
+    if path.resolve() in [each.resolve() for each in used]:
+        raise InputError(f"--out {path} would overwrite what it is made of")
     if os.path.lexists(path) and not force:
         raise InputError(
             f"{path} is there already; --force replaces it, or give another name by "

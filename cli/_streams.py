@@ -49,6 +49,6 @@ def guard_streams() -> None:
             setattr(sys, name, PrintableStream(stream))
 
 
-def unwrap(stream: Any) -> Any:
+def unwrap(stream: "TextIO | PrintableStream") -> TextIO:
     """What a `PrintableStream` writes to; any other stream itself."""
     return stream.raw if isinstance(stream, PrintableStream) else stream

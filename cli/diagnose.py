@@ -12,10 +12,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file, check_writable, explain_unreadable
 from selfheal.printable import join_names
 
-from ._options import AS_JSON, FORCE, SEED, complete, list_faults, out_file, out_folder
-from ._print import print_error, print_json, print_line, print_table, print_text
+from ._options import AS_JSON, FORCE, SEED, complete, out_file, out_folder
+from ._print import (
+    print_document,
+    print_error,
+    print_json,
+    print_line,
+    print_paragraph,
+    print_table,
+)
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import choose_run_folder, refuse_existing
 
@@ -24,49 +33,51 @@ if TYPE_CHECKING:
 
 _NO_CHECK = typer.Option(
     metavar="NAME",
-    help="A fault of logs to let pass, as `sign`.",
-    autocompletion=complete(list_faults),
+    help="Kind of log fault to ignore, `sign` say; once each.",
+    autocompletion=complete("telemetry:KINDS"),
 )
 _PREDICTED = "selfheal replay"  # the source of what a replay writes
 _MEANS = (
     "Root mean square errors on held-out recordings, replayed in segments of that "
     "length; normalized, 1 is as far off as a constant. given: the model as it is; "
-    "refit: what it states, fitted anew; patched: with the findings; floor: what noise "
-    "alone leaves. Error without a finding: how many times as large, all else fitted "
-    "anew."
+    "refit: its nominal values, fitted anew; patched: with the findings; floor: what "
+    "noise alone leaves. Error without a finding: how many times as large, all else "
+    "fitted anew."
+)
+
+_MODEL = typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")
+_RECORDINGS = typer.Argument(
+    metavar="RECORDING.h5...", help="Recordings of the real robot."
+)
+_HELD_OUT = typer.Option(
+    metavar="ID",
+    help="Test data: an episode, a window id[t0,t1] or a file; once each.",
+)
+_FORCE = typer.Option("--force", help="Overwrite an earlier diagnosis.")
+_RESUME = typer.Option("--resume", help="Continue a diagnosis that was killed.")
+_FINDINGS_ONLY = typer.Option(
+    "--findings-only", help="Keep the nominal values of MODEL."
+)
+_MINUTES = typer.Option(help="Time limit; Ctrl-C ends it early with an answer.")
+_INPUTS = typer.Argument(
+    metavar="INPUTS.h5", help="Recording of commands and initial state."
+)
+_OTHER_MODEL = typer.Option(
+    metavar="OTHER.xml", help="Apply the findings to this model."
 )
 
 
 def diagnose(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="The robot's MJCF or URDF.")
-    ],
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(metavar="RECORDING.h5...", help="What the real robot did."),
-    ],
+    model: Annotated[Path, _MODEL],
+    recordings: Annotated[list[Path], _RECORDINGS],
     out: Annotated[Path | None, out_folder("runs/diagnose-MODEL")] = None,
-    held_out: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="ID",
-            help="An episode, a piece id[t0,t1], or a file to prove it on; once each.",
-        ),
-    ] = None,
+    held_out: Annotated[list[str] | None, _HELD_OUT] = None,
     no_check: Annotated[list[str] | None, _NO_CHECK] = None,
     seed: Annotated[int, SEED] = 0,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite an earlier diagnosis.")
-    ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the same run was killed.")
-    ] = False,
-    findings_only: Annotated[
-        bool, typer.Option("--findings-only", help="Patch nothing that MODEL states.")
-    ] = False,
-    minutes: Annotated[
-        float, typer.Option(help="Then the best answer so far is given; so by Ctrl-C.")
-    ] = 30.0,
+    force: Annotated[bool, _FORCE] = False,
+    resume: Annotated[bool, _RESUME] = False,
+    findings_only: Annotated[bool, _FINDINGS_ONLY] = False,
+    minutes: Annotated[float, _MINUTES] = 30.0,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
@@ -77,33 +88,34 @@ def diagnose(
     from selfheal.api import diagnose as find
     from selfheal.diagnosis.output.storage import claim_folder
 
-    out = out or _choose_folder(model, resume)
+    if resume and out is None:
+        raise InputError("--resume needs --out FOLDER, that of the killed diagnosis")
+    out = out or choose_run_folder(f"diagnose-{model.stem}")
     with (
         claim_folder(out, force=force, resume=resume) as memory,
-        ProgressBar("reading", as_json=as_json, asked=progress) as live,
+        ProgressBar("reading", as_json=as_json, progress=progress) as live,
     ):
         if resume and not memory.exists():
             live.say(f"nothing of {out} is unfinished: from the beginning")
         with _heed_interrupts(live, memory) as is_wanted:
-            found = find(model, recordings, held_out=held_out or (),
-                         no_check=no_check or (), seed=seed, memory=memory,
-                         progress=DiagnosisProgress(live), minutes=minutes,
-                         stop=is_wanted, findings_only=findings_only)  # fmt: skip
+            found = find(
+                model,
+                recordings,
+                held_out=held_out or (),
+                no_check=no_check or (),
+                seed=seed,
+                memory=memory,
+                progress=DiagnosisProgress(live),
+                minutes=minutes,
+                stop=is_wanted,
+                findings_only=findings_only,
+            )
         found.save(out, force=force)
     if as_json:
-        extra = {"seconds": round(found.seconds, 1), "folder": str(out)}
-        print_json({**found.document, **extra})
+        seconds = round(found.seconds, 1)
+        print_json({**found.document, "seconds": seconds, "folder": str(out)})
     else:
         _print_diagnosis(found, out)
-
-
-def _choose_folder(model: Path, resume: bool) -> Path:
-    """A free folder for a diagnosis of a model; to go on with one, it must be named."""
-    from selfheal.errors import InputError
-
-    if resume:
-        raise InputError("--resume needs --out FOLDER, that of the killed diagnosis")
-    return choose_run_folder(f"diagnose-{model.stem}")
 
 
 @contextmanager
@@ -112,7 +124,7 @@ def _heed_interrupts(live: ProgressBar, memory: Path) -> Iterator[Callable[[], b
     pressed = threading.Event()
     earlier = signal.getsignal(signal.SIGINT)
 
-    def note(number: int, frame: Any) -> None:
+    def note(number: int, frame: object) -> None:
         """Take the first one as the wish for an answer."""
         pressed.set()
         signal.signal(signal.SIGINT, earlier)
@@ -136,20 +148,20 @@ def _print_diagnosis(found: "Diagnosis", folder: Path) -> None:
     from selfheal.report.errors import state_errors
     from selfheal.report.phrases import state_verdict
 
-    print_text(state_verdict(found.document), "bold", is_wrapped=False)
+    print_line(state_verdict(found.document), "bold")
     for said in state_errors(found.document["fit"]):
-        print_text(said, is_wrapped=False)
+        print_line(said)
     _print_findings(found.document["findings"])
     _print_fit(found.document["fit"])
     for remark in found.remarks:
-        print_text(f"note: {remark}")
+        print_paragraph(f"note: {remark}")
     for name in ALL_FILES:
         if (folder / name).exists():
             print_line(os.fspath(folder / name))
 
 
 def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
-    """A row a finding, and how to tell it from its equals."""
+    """A row a finding, and how to separate it from its equals."""
     if not findings:
         return
     from selfheal.report.tables import (
@@ -173,8 +185,8 @@ def _print_findings(findings: Sequence[Mapping[str, Any]]) -> None:
     for found in findings:
         if rivals := found.get("equivalent"):
             how = found.get("separate_by")
-            print_text(
-                f"{found['effect']} at {found['target']} cannot be told from "
+            print_paragraph(
+                f"{found['effect']} at {found['target']} cannot be distinguished from "
                 f"{join_names(rivals)} by these recordings"
                 + (f"; to separate them: {how}" if how else "")
             )
@@ -195,53 +207,48 @@ def _print_fit(fit: Mapping[str, Any]) -> None:
     each = [make_row("replay", fit)]
     each += [make_row(name_replay(h), h) for h in fit.get("horizons", ())]
     print_table(("normalized", *MODELS, "explainable removed"), each)
-    print_text(_MEANS, "dim")
+    print_paragraph(_MEANS, style="dim")
 
 
 def replay(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="A diagnosis.")],
-    inputs: Annotated[
-        Path, typer.Argument(metavar="INPUTS.h5", help="Commands, start, signals.")
-    ],
+    inputs: Annotated[Path, _INPUTS],
     out: Annotated[Path, out_file("PREDICTED.h5")] = Path("predicted.h5"),
-    model: Annotated[
-        Path | None,
-        typer.Option(metavar="OTHER.xml", help="Apply the findings to this model."),
-    ] = None,
+    model: Annotated[Path | None, _OTHER_MODEL] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
-    """Predict what the robot does, by the patched model, open loop."""
+    """Simulate a recording with the patched model, open loop."""
     from selfheal.diagnosis.output.replay import replay_recording
     from selfheal.recording import read, write
 
     start = time.perf_counter()
     _check_replay(folder, inputs, out, model, force)
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         predicted = replay_recording(
             folder, read(inputs), model=model, progress=live.show
         )
     predicted = replace(predicted, source=_PREDICTED)
     out.parent.mkdir(parents=True, exist_ok=True)
     write(predicted, out)
-    document = {
-        "format": "selfheal-replay",
-        "version": 1,
-        "diagnosis": str(folder),
-        "model": None if model is None else str(model),
-        "inputs": str(inputs),
-        "predicted": str(out),
-        "episodes": len(predicted.episodes),
-        "samples": sum(e.time.size for e in predicted.episodes.values()),
-        "seconds": round(time.perf_counter() - start, 1),
-    }
+    count = len(predicted.episodes)
+    samples = sum(e.time.size for e in predicted.episodes.values())
+    seconds = round(time.perf_counter() - start, 1)
     if as_json:
-        print_json(document)
+        print_document(
+            "replay",
+            diagnosis=str(folder),
+            model=None if model is None else str(model),
+            inputs=str(inputs),
+            predicted=str(out),
+            episodes=count,
+            samples=samples,
+            seconds=seconds,
+        )
     else:
         print_line(
-            f"{out}: {document['episodes']} episodes, {document['samples']} samples "
-            f"predicted in {document['seconds']} s"
+            f"{out}: {count} episodes, {samples} samples predicted in {seconds} s"
         )
 
 
@@ -250,8 +257,6 @@ def _check_replay(
 ) -> None:
     """Refuse what cannot work before anything is simulated."""
     from selfheal.diagnosis.output.storage import ALL_FILES, FILES
-    from selfheal.errors import InputError
-    from selfheal.files import check_file, check_writable, explain_unreadable
 
     if not os.path.isfile(folder / FILES[0]):
         raise InputError(
@@ -262,13 +267,10 @@ def _check_replay(
         check_file(model)
     check_file(inputs)
     check_writable(out)
-    used = [inputs, *(folder / name for name in ALL_FILES), *filter(None, [model])]
-    if out.resolve() in [path.resolve() for path in used]:
-        raise InputError(f"--out {out} would overwrite what the prediction is made of")
     if out.exists() and (reason := explain_unreadable(out)):
         raise InputError(f"cannot write {out}: {reason}")
-    if out.exists():
-        refuse_existing(out, force=force or _is_prediction(out))
+    used = [inputs, *(folder / name for name in ALL_FILES), *filter(None, [model])]
+    refuse_existing(out, used, force=force or _is_prediction(out))
 
 
 def _is_prediction(path: Path) -> bool:
@@ -287,19 +289,18 @@ def _is_prediction(path: Path) -> bool:
 
 
 def effects(as_json: Annotated[bool, AS_JSON] = False) -> None:
-    """List the physics that can be found missing."""
+    """List the effects that a model may lack."""
     from selfheal.diagnosis.effects import load_catalogue
 
-    found = [
-        {"name": e.name, "group": e.group, "says": e.description,
-         "equation": e.equation, "source": e.source, "separate_by": e.separate_by}
-        for e in load_catalogue().values()
-    ]  # fmt: skip
+    catalogue = load_catalogue().values()
     if as_json:
-        print_json({"format": "selfheal-effects", "version": 1, "effects": found})
+        keys = ("name", "group", "equation", "source", "separate_by")
+        found = [
+            {"says": e.description, **{key: getattr(e, key) for key in keys}}
+            for e in catalogue
+        ]
+        print_document("effects", effects=found)
         return
     head = ("name", "where", "what happens", "equation")
-    rows = [
-        [str(e[key]) for key in ("name", "group", "says", "equation")] for e in found
-    ]
+    rows = [(e.name, e.group, e.description, e.equation) for e in catalogue]
     print_table(head, rows, whole=2)

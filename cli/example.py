@@ -5,20 +5,19 @@ from typing import Annotated
 
 import typer
 
-from ._options import AS_JSON, complete, list_examples, out_folder
-from ._print import print_json, print_line
+from ._options import AS_JSON, complete, out_folder
+from ._print import print_document, print_line
 from ._runs import choose_run_folder
+
+_NAME = typer.Argument(
+    metavar="NAME",
+    help="pendulum, desk_arm, six_axis or hung_quadruped.",
+    autocompletion=complete("example.make:EXAMPLES"),
+)
 
 
 def example(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME",
-            help="pendulum, desk_arm, six_axis or hung_quadruped.",
-            autocompletion=complete(list_examples),
-        ),
-    ],
+    name: Annotated[str, _NAME],
     out: Annotated[Path | None, out_folder("runs/example-NAME")] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
@@ -28,18 +27,14 @@ def example(
     out = out or choose_run_folder(f"example-{name}")
     made = make_example(name, out)
     if as_json:
-        print_json(
-            {
-                "format": "selfheal-example",
-                "version": 1,
-                "name": name,
-                "model": str(made.model),
-                "log": str(made.log),
-                "map": str(made.map_file),
-                "recording": str(made.recording),
-                "concealed": made.concealed,
-            }
-        )
+        paths = {
+            "model": made.model,
+            "log": made.log,
+            "map": made.map_file,
+            "recording": made.recording,
+        }
+        said = {key: str(path) for key, path in paths.items()}
+        print_document("example", name=name, **said, concealed=made.concealed)
         return
     for line in (
         f"{made.model}: what is known of the robot",
@@ -48,7 +43,7 @@ def example(
         f"{made.recording}: the log as selfheal reads it, made by",
         f"  selfheal recording import {made.log} --model {made.model} "
         f"--map {made.map_file} --out {made.recording}",
-        "The robot has a physics that the model lacks. To find it:",
+        "The model lacks one effect of the robot. To identify it:",
         f"  selfheal diagnose {made.model} {made.recording} --out {out / 'diagnosis'}",
     ):
         print_line(line)

@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_damages,
     out_folder,
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_paragraph, print_table
+from ._print import print_document, print_json, print_line, print_paragraph, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -27,20 +29,29 @@ if TYPE_CHECKING:
     from selfheal.recovery.record import HealRun
 
 _RUN = typer.Argument(metavar="RUN.h5", help="A run of 'selfheal identify'.")
-_HEADING = typer.Option(help="Direction to walk, degrees from forward to the left.")
+_HEADING = typer.Option(help="Walking direction in degrees, from forward to the left.")
 _DAMAGE = typer.Option(
-    autocompletion=complete(list_damages),
+    autocompletion=complete("body.damage:KIND_WORDS", "random", end=":"),
     help="PART:SCALE, loss:PART, jam:JOINT[:DEG], weak:JOINT[:FACTOR], dead:SENSOR, "
     "lie:SENSOR[:FACTOR], slope:DEG[:AZIMUTH], friction:VALUE, several "
     "with commas, or random:SEED.",
 )
 _HOURS = typer.Option(
-    help="Instead of a damage: hours that it walks, while random ones happen."
+    help="Instead of --damage: walk so many hours with random damages."
 )
-_GAIT = typer.Option(help="How gaits are written: waves, or poses as in 2006.")
+_GAIT = typer.Option(help="Gait parameterization: waves, or poses as in 2006.")
 # seconds of CPU that each phase takes, and the page: measured, of the starfish
-_SECONDS = {"gait": 22, "whole": 0.5, "alarm": 1, "ask": 16, "verdict": 0.5,
-            "healed": 29, "walked": 0.5, "known": 27, "page": 12}  # fmt: skip
+_SECONDS = {
+    "gait": 22,
+    "whole": 0.5,
+    "alarm": 1,
+    "ask": 16,
+    "verdict": 0.5,
+    "healed": 29,
+    "walked": 0.5,
+    "known": 27,
+    "page": 12,
+}
 _START = 1.7  # [s] of CPU before the first phase: measured in the same
 _PHASES = {
     "gait": "a gait from the self-model",
@@ -53,6 +64,12 @@ _PHASES = {
     "first": "for comparison, walked with its first gait",
 }
 
+_HEALED_RUN = typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'.")
+_BODY = typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
+_RECORDING = typer.Argument(metavar="RECORDING.h5", help="Recording of the robot.")
+_LEARN = typer.Option(help="Seconds at the start without damage; by default a third.")
+_CYCLE = typer.Option(help="Period of the commands in seconds; by default estimated.")
+
 
 def gait(
     run: Annotated[Path, _RUN],
@@ -62,15 +79,14 @@ def gait(
     as_json: Annotated[bool, AS_JSON] = False,
     progress: ShowProgress = False,
 ) -> None:
-    """Make a gait from a self-model and walk it on the robot."""
+    """Optimize a gait for a self-model and walk it on the robot."""
     from selfheal.api.healing import check_gait_settings, load_identified
     from selfheal.recovery.walk_trial import walk_trial
 
-    _check_heading(heading)
     check_gait_settings(gait, math.radians(heading), seed)
     found, robot = load_identified(run)
     start = time.perf_counter()
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         trial = walk_trial(
             found,
             robot,
@@ -98,10 +114,7 @@ def gait(
 
 def heal(
     context: typer.Context,
-    run: Annotated[
-        Path | None,
-        typer.Argument(metavar="[RUN.h5]", help="A run of 'selfheal identify'."),
-    ] = None,
+    run: Annotated[Path | None, _HEALED_RUN] = None,
     damage: Annotated[str | None, _DAMAGE] = None,
     hours: Annotated[float | None, _HOURS] = None,
     heading: Annotated[float, _HEADING] = 0.0,
@@ -115,7 +128,6 @@ def heal(
 ) -> None:
     """Walk, notice a damage, find what it is, and walk again."""
     from selfheal.api import heal as run_heal
-    from selfheal.errors import InputError
 
     if (run is None) == (resume is None):
         raise InputError("give either RUN.h5 --damage WHAT or --resume HEAL.h5")
@@ -125,18 +137,24 @@ def heal(
             "--hours 1 of random damages"
         )
     folder = RunFolder(out, force)
-    with ProgressBar("reading", as_json=as_json, asked=progress) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         show = _PhaseProgress(live, _SECONDS)
         if resume is not None:
             refuse_settings(context)
             done = run_heal(resume=resume, progress=show, on_step=show.show_phase)
         else:
-            _check_heading(heading)
             done = run_heal(
-                run, damage, hours=hours, heading=math.radians(heading), gait=gait,
-                seed=seed, out=folder, force=force, progress=show,
+                run,
+                damage,
+                hours=hours,
+                heading=math.radians(heading),
+                gait=gait,
+                seed=seed,
+                out=folder,
+                force=force,
+                progress=show,
                 on_step=show.show_phase,
-            )  # fmt: skip
+            )
     if as_json:
         print_json(done.result)
     else:
@@ -145,26 +163,14 @@ def heal(
 
 
 def watch(
-    body: Annotated[
-        Path, typer.Argument(metavar="BODY.xml", help="The body, as identify wrote it.")
-    ],
-    recording: Annotated[
-        Path, typer.Argument(metavar="RECORDING.h5", help="What the robot did.")
-    ],
-    learn: Annotated[
-        float | None,
-        typer.Option(help="Seconds at the start in which it was whole; a third."),
-    ] = None,
-    cycle: Annotated[
-        float | None,
-        typer.Option(help="Seconds in which commands repeat; found in them."),
-    ] = None,
+    body: Annotated[Path, _BODY],
+    recording: Annotated[Path, _RECORDING],
+    learn: Annotated[float | None, _LEARN] = None,
+    cycle: Annotated[float | None, _CYCLE] = None,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
-    """Say when a recording stopped fitting a body."""
+    """Detect when a recording stops fitting a body."""
     from selfheal.body.mjcf import load
-    from selfheal.errors import InputError
-    from selfheal.files import check_file
     from selfheal.recording import read
     from selfheal.recovery.monitor import FALSE_ALARMS
     from selfheal.recovery.watch_recording import watch_recording
@@ -175,9 +181,13 @@ def watch(
     check_file(body)
     found = watch_recording(load(body), read(recording), learn=learn, cycle=cycle)
     if as_json:
-        print_json({"format": "selfheal-watch", "version": 1, "body": str(body),
-                    "recording": str(recording), "false_alarms_per_hour": FALSE_ALARMS,
-                    "episodes": found})  # fmt: skip
+        print_document(
+            "watch",
+            body=str(body),
+            recording=str(recording),
+            false_alarms_per_hour=FALSE_ALARMS,
+            episodes=found,
+        )
         return
     for episode in found:
         print_line(_format_watched(episode))
@@ -195,14 +205,6 @@ def _format_watched(episode: dict[str, Any]) -> str:
         f"{name}: stopped fitting at {alarm['since']:.1f} s, said at "
         f"{alarm['time']:.1f} s ({sure})"
     )
-
-
-def _check_heading(heading: float) -> None:
-    """Refuse a heading [deg] beyond a turn."""
-    from selfheal.errors import InputError
-
-    if not -360 <= heading <= 360:
-        raise InputError(f"the heading must be -360 to 360 degrees; not {heading}")
 
 
 class _PhaseProgress:
@@ -232,24 +234,21 @@ class _PhaseProgress:
 def _format_phase(name: str, phase: Mapping[str, Any]) -> str:
     """What came of a phase, in a line."""
     from selfheal.recovery.phases import describe_belief
+    from selfheal.report.heal import describe_alarm
 
-    if name.startswith("ask"):
-        return f"{phase['why']}: {describe_belief(phase['believed'][0])}"
-    done = _PHASES[name]
+    said = ""
     if name in ("gait", "healed"):
-        return f"{done}: predicted {phase['gait']['predicted']:.2f} m in 10 s"
-    if name == "whole":
-        return f"{done}: {phase['distance']:.2f} m in 10 s"
-    if name == "alarm":
-        from selfheal.report.heal import describe_alarm
-
-        a = phase["alarm"]
-        return f"{done}: {describe_alarm(a, None) if a else 'no alarm'}"
-    if name == "verdict":
-        return f"{done}: {describe_belief(phase['believed'][0])}"
-    if name == "walked":
-        return f"{done}: {phase['damaged']:.2f} m and {phase['healed']:.2f} m"
-    return done
+        said = f"predicted {phase['gait']['predicted']:.2f} m in 10 s"
+    elif name == "whole":
+        said = f"{phase['distance']:.2f} m in 10 s"
+    elif name == "alarm":
+        said = describe_alarm(phase["alarm"], None) if phase["alarm"] else "no alarm"
+    elif name == "verdict" or name.startswith("ask"):
+        said = describe_belief(phase["believed"][0])
+    elif name == "walked":
+        said = f"{phase['damaged']:.2f} m and {phase['healed']:.2f} m"
+    done = phase["why"] if name.startswith("ask") else _PHASES[name]
+    return f"{done}: {said}" if said else done
 
 
 def _print_result(run: "HealRun", files: list[Path]) -> None:
@@ -277,11 +276,14 @@ def _print_heal(run: "HealRun") -> None:
             sure = f"{100 * believed['probability']:.0f} %"
             rows.append((str(read_damage(believed)), sure))
     print_table(("what happened", "probability"), rows)
-    names = {"intact": "whole", "damaged": "broken, old gait",
-             "healed": "broken, new gait",
-             "best_known": "broken, a gait made knowing the damage"}  # fmt: skip
-    ways = {name: result["distance"][key] for key, name in names.items()}
-    rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in ways.items()]
+    names = {
+        "intact": "whole",
+        "damaged": "broken, old gait",
+        "healed": "broken, new gait",
+        "best_known": "broken, a gait made knowing the damage",
+    }
+    went = {name: result["distance"][key] for key, name in names.items()}
+    rows = [(k, "unknown" if v is None else f"{v:.2f} m") for k, v in went.items()]
     print_table(("robot", "walks in 10 s"), rows)
     print_line(
         f"{result['actions']} actions to find what happened, "

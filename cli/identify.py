@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from selfheal.errors import InputError, SelfhealError
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_robot_names,
     out_folder,
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_table
+from ._print import print_document, print_json, print_line, print_table
 from ._progress import DiagnosisProgress, ProgressBar, ShowProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -28,35 +29,38 @@ _METHOD = typer.Option(
     help="default, paper, disagreement, random-batch or random-alternate."
 )
 _SPACE = typer.Option(help="Where parts may attach: free, sides or full.")
-_KNOWN_LENGTHS = typer.Option("--known-lengths", help="In 'full', lengths are known.")
-_BUDGET = typer.Option(help="Most simulations of a search; 262000 by default.")
-_MOVES = typer.Option(help="Moves over time, to tell the dynamics by; 4 will do.")
-_RANDOM_ACTIONS = typer.Option(
-    "--random-actions", help="Do not choose actions, for comparison."
+_KNOWN_LENGTHS = typer.Option(
+    "--known-lengths", help="With --space full: take part lengths as known."
 )
+_BUDGET = typer.Option(help="Number of simulations; 262000 by default.")
+_MOVES = typer.Option(
+    help="Number of motions to identify joint dynamics from; 4 is enough."
+)
+_RANDOM_ACTIONS = typer.Option(
+    "--random-actions", help="Draw actions at random, for comparison."
+)
+
+_ROBOT = typer.Option(
+    help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
+    autocompletion=complete("cli._options:list_robot_names"),
+)
+_RECORDINGS = typer.Option(
+    metavar="FILE.h5",
+    help="Recording that a replayed robot takes its readings from.",
+)
+_CYCLES = typer.Option(help="Number of actions; 16 by default.")
 
 
 def identify(
     context: typer.Context,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="Name of the robot, see 'selfheal robots'; or its TOML or MJCF.",
-            autocompletion=complete(list_robot_names),
-        ),
-    ] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.h5", help="Readings that the robot answers from."),
-    ] = None,
+    robot: Annotated[str | None, _ROBOT] = None,
+    recordings: Annotated[Path | None, _RECORDINGS] = None,
     method: Annotated[str, _METHOD] = "default",
     space: Annotated[str, _SPACE] = "free",
     known_lengths: Annotated[bool, _KNOWN_LENGTHS] = False,
     random_actions: Annotated[bool, _RANDOM_ACTIONS] = False,
     engine: Annotated[str, typer.Option(help="auto, statics, mjx or mujoco.")] = "auto",
-    cycles: Annotated[
-        int | None, typer.Option(help="Actions to try; 16 by default.")
-    ] = None,
+    cycles: Annotated[int | None, _CYCLES] = None,
     budget: Annotated[int | None, _BUDGET] = None,
     seed: Annotated[int, SEED] = 0,
     moves: Annotated[int, _MOVES] = 0,
@@ -70,11 +74,10 @@ def identify(
     if moves or resume:  # as `diagnose` does
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from selfheal.api import identify as run_identify
-    from selfheal.errors import InputError
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot NAME or --resume RUN.h5")
-    with ProgressBar("starting", as_json=as_json, asked=progress) as live:
+    with ProgressBar("starting", as_json=as_json, progress=progress) as live:
         show = _CycleProgress(live)
         stage = DiagnosisProgress(live)
         if resume is not None:
@@ -84,12 +87,23 @@ def identify(
             )
         else:
             run = run_identify(
-                robot, recordings=recordings, method=method, space=space,
-                known_lengths=known_lengths, random_actions=random_actions,
-                engine=engine, cycles=cycles, budget=budget, seed=seed, moves=moves,
-                out=RunFolder(out, force), force=force,
-                progress=show, on_step=show.show_cycle, on_stage=stage,
-            )  # fmt: skip
+                robot,
+                recordings=recordings,
+                method=method,
+                space=space,
+                known_lengths=known_lengths,
+                random_actions=random_actions,
+                engine=engine,
+                cycles=cycles,
+                budget=budget,
+                seed=seed,
+                moves=moves,
+                out=RunFolder(out, force),
+                force=force,
+                progress=show,
+                on_step=show.show_cycle,
+                on_stage=stage,
+            )
     if as_json:
         print_json(run.result)
     else:
@@ -110,7 +124,7 @@ _SETUP_SHARE, _COMPILED_SHARE, _SEARCH_SHARE = 0.12, 0.25, 0.92
 # Of a search's time a share x of its simulations takes x to this power: early cycles
 # simulate few at once. Measured in the same, to a tenth
 _EXPONENT = 0.65
-_LEAST = 0.02  # of the simulations, before which that tells nothing; chosen
+_LEAST = 0.02  # of the simulations, before which that is not known; chosen
 
 
 class _CycleProgress:
@@ -166,9 +180,13 @@ def _print_result(run: "Run", files: list[Path]) -> None:
     rows = []
     sides = ("left", "front", "right", "back")
     for i, name in enumerate(run.anatomy.parts):
-        row = [name, names[best.parent[0, i]], sides[best.side[0, i]],
-               f"{1000 * best.length[0, i]:.0f} mm",
-               f"{100 * result['sureness'][i]:.0f} %"]  # fmt: skip
+        row = [
+            name,
+            names[best.parent[0, i]],
+            sides[best.side[0, i]],
+            f"{1000 * best.length[0, i]:.0f} mm",
+            f"{100 * result['sureness'][i]:.0f} %",
+        ]
         if truth is not None:
             right = truth.parent[0, i] == best.parent[0, i]
             row.append("correct" if right else f"is {names[truth.parent[0, i]]}")
@@ -229,7 +247,6 @@ def _summarize_run(run: "Run") -> Iterator[str]:
 def _summarize_dynamics(found: Mapping[str, Any]) -> Iterator[str]:
     """What moves over time showed, a line each."""
     from selfheal.diagnosis.output.storage import read_document
-    from selfheal.errors import SelfhealError
     from selfheal.report.phrases import state_verdict
 
     how = "while the torso lay still" if found["held"] else "with limbs on the floor"
@@ -248,15 +265,14 @@ def show(
 ) -> None:
     """Show a finished or interrupted run."""
     from selfheal.api.identification import write_identify_report
-    from selfheal.errors import InputError
     from selfheal.selfmodel.read_run import load_run
 
     run = load_run(file)
     if as_json:
-        print_json(
-            run.result
-            or {"format": "selfheal-identify", "version": 1, "cycles": len(run.cycles)}
-        )
+        if run.result:
+            print_json(run.result)
+        else:
+            print_document("identify", cycles=len(run.cycles))
         return
     if not run.cycles:
         raise InputError(
@@ -274,12 +290,12 @@ def show(
 
 
 def robots(as_json: Annotated[bool, AS_JSON] = False) -> None:
-    """List the robots that can be asked."""
+    """List the robots that can be identified."""
     from selfheal.robot.open_robot import list_robots as listed
 
-    found: dict[str, Any] = listed()
+    found = listed()
     if as_json:
-        print_json({"format": "selfheal-robots", "version": 1, "robots": found})
+        print_document("robots", robots=found)
         return
     width = max(len(name) for name in found)
     for name, text in found.items():

@@ -1,58 +1,57 @@
 """`selfheal model`: takes a robot's URDF or MJCF, gives one that can be diagnosed."""
 
+from math import isfinite
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from selfheal.errors import InputError
+from selfheal.files import check_file
+
 from ._options import AS_JSON, FORCE, make_epilog, out_file
-from ._print import print_json, print_line
+from ._print import print_document, print_line
 from ._runs import refuse_existing
 
-app = typer.Typer(help="Make models fit.", no_args_is_help=True, rich_markup_mode=None)
+if TYPE_CHECKING:
+    from selfheal.preparation.drives import Gains
+
+app = typer.Typer(help="Prepare models.", no_args_is_help=True, rich_markup_mode=None)
 _EXAMPLE = "selfheal model prepare arm.urdf --kp 60 --kp wrist=10 --out arm.xml"
+
+_MODEL = typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
+_KP = typer.Option(
+    metavar="[JOINT=]VALUE",
+    help="Stiffness of position servos [N m/rad; N/m], which also take the "
+    "places of torque motors; --kp 60 --kp wrist=10.",
+)
+_KV = typer.Option(
+    metavar="[JOINT=]VALUE",
+    help="Their damping [N m s/rad; N s/m]; without: the critical one.",
+)
+_MOTORS = typer.Option("--motors", help="Torque motors: commands are in N m or N.")
+_WELD_BASE = typer.Option("--weld-base", help="Fix a base that has a free joint.")
+_NO_CONTACTS = typer.Option(
+    "--no-contacts", help="Leave out geoms: the robot touches nothing."
+)
+_PASSIVE = typer.Option(metavar="JOINT", help="A joint that gets no drive; once each.")
 
 
 @app.callback()
 def _model() -> None:
-    """Make models fit."""
+    """Prepare models."""
 
 
 @app.command(epilog=make_epilog(_EXAMPLE, "prepare-a-model.md"))
 def prepare(
-    model: Annotated[
-        Path, typer.Argument(metavar="ROBOT", help="The robot's URDF or MJCF.")
-    ],
+    model: Annotated[Path, _MODEL],
     out: Annotated[Path, out_file("MODEL.xml")] = Path("prepared.xml"),
-    kp: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[JOINT=]VALUE",
-            help="Stiffness of position servos [N m/rad; N/m], which also take the "
-            "places of torque motors; --kp 60 --kp wrist=10.",
-        ),
-    ] = None,
-    kv: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[JOINT=]VALUE",
-            help="Their damping [N m s/rad; N s/m]; without: the critical one.",
-        ),
-    ] = None,
-    motors: Annotated[
-        bool, typer.Option("--motors", help="Torque motors: commands are in N m or N.")
-    ] = False,
-    weld_base: Annotated[
-        bool, typer.Option("--weld-base", help="Fix a base that has a free joint.")
-    ] = False,
-    no_contacts: Annotated[
-        bool,
-        typer.Option("--no-contacts", help="Leave out shapes: it touches nothing."),
-    ] = False,
-    passive: Annotated[
-        list[str] | None,
-        typer.Option(metavar="JOINT", help="A joint that gets no drive; once each."),
-    ] = None,
+    kp: Annotated[list[str] | None, _KP] = None,
+    kv: Annotated[list[str] | None, _KV] = None,
+    motors: Annotated[bool, _MOTORS] = False,
+    weld_base: Annotated[bool, _WELD_BASE] = False,
+    no_contacts: Annotated[bool, _NO_CONTACTS] = False,
+    passive: Annotated[list[str] | None, _PASSIVE] = None,
     force: Annotated[bool, FORCE] = False,
     as_json: Annotated[bool, AS_JSON] = False,
 ) -> None:
@@ -60,17 +59,18 @@ def prepare(
     from selfheal.preparation.drives import Gains
     from selfheal.preparation.prepare import prepare_model, write_model
 
-    _check_arguments(model, out, bool(kp), bool(kv), motors, force)
-    gains = Gains(_read_gains("--kp", kp or ()), _read_gains("--kv", kv or ()),
-                  tuple(passive or ()), motors)  # fmt: skip
+    stiffness, damping = _read_gains("--kp", kp), _read_gains("--kv", kv)
+    gains = Gains(stiffness, damping, tuple(passive or ()), motors)
+    _check_drives(gains)
+    check_file(model)
+    refuse_existing(out, [model], force=force)
     done = prepare_model(
         model, out.parent, gains, weld_base=weld_base, without_contacts=no_contacts
     )
     out.parent.mkdir(parents=True, exist_ok=True)
     write_model(done, out)
     if as_json:
-        document = {"format": "selfheal-prepare", "version": 1, "model": str(model)}
-        print_json({**document, "out": str(out), "steps": list(done.steps)})
+        print_document("prepare", model=str(model), out=str(out), steps=[*done.steps])
         return
     for step in done.steps:
         print_line(step)
@@ -79,32 +79,20 @@ def prepare(
     )
 
 
-def _check_arguments(
-    model: Path, out: Path, stiff: bool, damped: bool, motors: bool, force: bool
-) -> None:
-    """Refuse what says no drive, or would overwrite something."""
-    from selfheal.errors import InputError
-    from selfheal.files import check_file
-
-    check_file(model)
-    if (motors and stiff) or (damped and not stiff):
+def _check_drives(gains: "Gains") -> None:
+    """Refuse what says no drive."""
+    stiff, damped = bool(gains.kp), bool(gains.kv)
+    if (gains.motors and stiff) or (damped and not stiff):
         raise InputError(
             "--motors is for commands of torque, --kp for goal positions, --kv goes "
             "with it; would fit: one of --kp VALUE, --kp VALUE --kv VALUE, --motors"
         )
-    if out.resolve() == model.resolve():
-        raise InputError(f"--out {out} would overwrite the model itself")
-    refuse_existing(out, force=force)
 
 
-def _read_gains(option: str, entries: "list[str] | tuple[()]") -> dict[str, float]:
+def _read_gains(option: str, entries: list[str] | None) -> dict[str, float]:
     """Gains by joint of what an option was given; "" for all others."""
-    from math import isfinite
-
-    from selfheal.errors import InputError
-
     found: dict[str, float] = {}
-    for entry in entries:
+    for entry in entries or ():
         joint, _, value = entry.rpartition("=")
         try:
             number = float(value)

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from selfheal.errors import InputError, RunFileError, RunLockError
+
 from ._options import (
     AS_JSON,
     SEED,
     complete,
-    list_legged_robots,
-    list_scenarios,
     out_folder,
     resume_from,
     start_over,
 )
-from ._print import print_json, print_line, print_table
+from ._print import print_document, print_json, print_line, print_table
 from ._progress import ProgressBar, ShowProgress, StageProgress
 from ._runs import RunFolder, refuse_settings
 
@@ -27,40 +27,42 @@ if TYPE_CHECKING:
 _NAME = "recover.h5"
 # what phases and the page take, in units of a search for a controller: measured, of the
 # quadruped
-_EFFORT = {"original": 0.65, "failure": 0.01, "estimate": 0.2, "explore": 1.0,
-           "trial": 0.02, "hardware": 2.3, "page": 0.3}  # fmt: skip
+_EFFORT = {
+    "original": 0.65,
+    "failure": 0.01,
+    "estimate": 0.2,
+    "explore": 1.0,
+    "trial": 0.02,
+    "hardware": 2.3,
+    "page": 0.3,
+}
 _START = 0.1  # before the first one, measured in the same
 _ROBOT = typer.Option(
     help="quadruped or hexapod.",
     metavar="NAME",
-    autocompletion=complete(list_legged_robots),
+    autocompletion=complete("body.legged:LEGGED"),
 )
 _SCENARIO = typer.Option(
     metavar="NUMBER|all",
-    autocompletion=complete(list_scenarios),
+    autocompletion=complete("robot.scenarios:SCENARIOS", "all"),
     help="What breaks: 1 to 10 as in 2004, all of these; 11 a weak motor, 12 a weak "
     "sensor, 13 a slope, 14 slippery ground, 15 wind.",
 )
+
+_METHOD = typer.Option(help="ours, as-described or hardware-only.")
+_REACH = typer.Option("--range", help="Joint range, +-30 or +-45 degrees.")
+_APART = typer.Option("--apart", help="Count a hexapod's hip as two joints, not one.")
+_GAP = typer.Option(help="Relative model error of the robot, 0 to 0.5.")
 
 
 def recover(
     context: typer.Context,
     robot: Annotated[str | None, _ROBOT] = None,
     scenario: Annotated[str, _SCENARIO] = "all",
-    method: Annotated[
-        str, typer.Option(help="ours, as-described or hardware-only.")
-    ] = "ours",
-    reach: Annotated[
-        float, typer.Option("--range", help="Of the joints, +-30 or +-45 degrees.")
-    ] = 30.0,
-    apart: Annotated[
-        bool,
-        typer.Option("--apart", help="Count a hexapod's hip as two joints, not one."),
-    ] = False,
-    gap: Annotated[
-        float,
-        typer.Option(help="Share by which the robot may be off its model, 0 to 0.5."),
-    ] = 0.0,
+    method: Annotated[str, _METHOD] = "ours",
+    reach: Annotated[float, _REACH] = 30.0,
+    apart: Annotated[bool, _APART] = False,
+    gap: Annotated[float, _GAP] = 0.0,
     seed: Annotated[int, SEED] = 0,
     out: Annotated[Path | None, out_folder("runs/recover-ROBOT-SEED")] = None,
     resume: Annotated[
@@ -72,7 +74,6 @@ def recover(
 ) -> None:
     """Break a walking robot that knows its body, find what broke, walk again."""
     from selfheal.api.recovery import make_recover_settings
-    from selfheal.errors import InputError
 
     if (robot is None) == (resume is None):
         raise InputError("give either --robot quadruped|hexapod or --resume RECOVER.h5")
@@ -81,16 +82,18 @@ def recover(
         _finish_runs(_find_runs(resume), as_json, progress)
         return
     assert robot is not None
-    batch = [make_recover_settings(robot, n, method=method, reach=reach, apart=apart,
-                                   gap=gap, seed=seed)
-             for n in _parse_scenarios(scenario)]  # fmt: skip
+    batch = [
+        make_recover_settings(
+            robot, n, method=method, reach=reach, apart=apart, gap=gap, seed=seed
+        )
+        for n in _parse_scenarios(scenario)
+    ]
     folder = RunFolder(out, force)(f"recover-{robot}-{seed}")
     _finish_runs(_begin_runs(folder, batch, force), as_json, progress)
 
 
 def _parse_scenarios(scenario: str) -> Sequence[int]:
     """The scenarios that a user's word means; whether they exist is not its concern."""
-    from selfheal.errors import InputError
     from selfheal.robot.scenarios import TABLE
 
     if scenario == "all":
@@ -116,8 +119,6 @@ def _begin_runs(
 
 def _find_runs(place: Path) -> list[Path]:
     """The run files of a folder, or the one that was named."""
-    from selfheal.errors import RunFileError
-
     if not place.is_dir():
         return [place]
     found = sorted(place.rglob(_NAME))
@@ -126,13 +127,12 @@ def _find_runs(place: Path) -> list[Path]:
     return found
 
 
-def _finish_runs(paths: list[Path], as_json: bool, asked: bool) -> None:
+def _finish_runs(paths: list[Path], as_json: bool, progress: bool) -> None:
     """Each run to its end, and what came of them; several processes may share them."""
     from selfheal.api import recover as run_recover
-    from selfheal.errors import RunLockError
 
     done = []
-    with ProgressBar("reading", as_json=as_json, asked=asked) as live:
+    with ProgressBar("reading", as_json=as_json, progress=progress) as live:
         for number, path in enumerate(paths):
             show = _RunProgress(live, number, len(paths))
             try:
@@ -145,8 +145,10 @@ def _finish_runs(paths: list[Path], as_json: bool, asked: bool) -> None:
             done.append((path, run))
     if as_json:
         results = [{**run.result, "run": os.fspath(path)} for path, run in done]
-        batch = {"format": "selfheal-recover-batch", "version": 1, "runs": results}
-        print_json(batch if paths[1:] else results[0])
+        if paths[1:]:
+            print_document("recover-batch", runs=results)
+        else:
+            print_json(results[0])
         return
     _print_results([run for _, run in done])
     for path, _ in done:
@@ -205,9 +207,12 @@ def _format_phase(run: "RecoverRun") -> str:
         return f"{turn}: believes {said} ({100 * chance:.0f} %)"
     if kind == "explore":
         return f"{turn}: a controller predicted to go {phase['predicted']:.2f} m"
-    done = {"original": "whole, the first controller", "failure": "broken, the same",
-            "trial": f"{turn}: tried on the robot",
-            "hardware": "evolved on the robot"}[kind]  # fmt: skip
+    done = {
+        "original": "whole, the first controller",
+        "failure": "broken, the same",
+        "trial": f"{turn}: tried on the robot",
+        "hardware": "evolved on the robot",
+    }[kind]
     return f"{done}: {phase['way']:.2f} m"
 
 
@@ -222,11 +227,11 @@ def _print_results(runs: Sequence["RecoverRun"]) -> None:
     words = {True: "yes", False: "no", None: ""}
     for run in runs:
         d = run.result["distance"]
-        ways = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
+        distances = [_format_number(d[key]) for key in ("intact", "damaged", "healed")]
         spent = str(run.result["actions"])
         name = f"scenario {run.settings.scenario}"
         named = "unlisted" if run.unlisted else words[is_damage_named(run)]
-        rows.append((name, *ways, named, spent))
+        rows.append((name, *distances, named, spent))
     print_table(head, rows, title="; ".join(said))
 
 

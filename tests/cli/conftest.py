@@ -22,23 +22,11 @@ class Doctor:
         self.answer = make_diagnosis(findings=(FINDING, DELAY))
         self.interrupts = 0  # times that Ctrl-C is pressed
 
-    def diagnose(
-        self,
-        model,
-        recordings,
-        *,
-        held_out=(),
-        seed=0,
-        memory=None,
-        progress=None,
-        is_over=lambda share: False,
-        findings_only=False,
-        begun=None,
-    ):
+    def diagnose(self, model, recordings, *, memory, progress, is_over, **given):
+        names = ("held_out", "seed", "findings_only")
         self.asked.append(
-            {"model": model, "files": [r.file for r in recordings],
-             "held_out": list(held_out), "seed": seed, "findings_only": findings_only}
-        )  # fmt: skip
+            {"files": [r.file for r in recordings]} | {k: given[k] for k in names}
+        )
         self.memory = Path(memory)
         self.found = sorted(p.name for p in self.memory.glob("*"))
         self.memory.mkdir(exist_ok=True)
@@ -72,9 +60,10 @@ class Doctor:
 def doctor(monkeypatch):
     """The stand-in, in its place."""
     stand_in = Doctor()
-    for name, function in (
-        ("diagnose", "diagnose"), ("output.replay", "replay_recording"),
-    ):  # fmt: skip
+    for name, function in {
+        "diagnose": "diagnose",
+        "output.replay": "replay_recording",
+    }.items():
         module = ModuleType(f"selfheal.diagnosis.{name}")
         setattr(module, function, getattr(stand_in, function))
         monkeypatch.setitem(sys.modules, module.__name__, module)

@@ -24,19 +24,18 @@ def _names(folder) -> list[str]:
 
 def test_json_is_the_document_and_nothing_else(doctor, files, tmp_path):
     out = tmp_path / "out"
-    result = run("diagnose", *files, "--out", out, "--seed", "3", "--json")
+    words = "diagnose", *files, "--out", out, "--seed", "3", "--findings-only"
+    result = run(*words, "--json")
     assert result.exit_code == 0, result.output
     assert result.stderr == "" and result.stdout.count("\n") == 1
     told = json.loads(result.stdout)
     assert told == {**doctor.answer.document, "seconds": 41.2, "folder": str(out)}
     assert doctor.asked[0]["files"] == [str(file) for file in files[1:]]
     assert doctor.asked[0]["seed"] == 3 and doctor.asked[0]["held_out"] == []
-    assert not doctor.asked[0]["findings_only"]
-
-
-def test_the_findings_alone_are_asked_for(doctor, files, tmp_path):
-    run_well("diagnose", *files, "--out", tmp_path / "out", "--findings-only")
     assert doctor.asked[0]["findings_only"]
+    assert _names(out) == sorted(FILES)
+    page = (out / "report.html").read_text()
+    assert "Diagnosis of arm.xml" in page and str(files[2]) in page
 
 
 def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(
@@ -55,24 +54,21 @@ def test_a_log_that_contradicts_the_model_is_refused_unless_let_pass(
     assert "joint_range" in refuse(*arguments, "--force", "--no-check", "x")
 
 
-def test_a_diagnosis_leaves_its_files(doctor, files, tmp_path):
-    run("diagnose", *files, "--out", tmp_path / "out")
-    assert _names(tmp_path / "out") == sorted(FILES)
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert "Diagnosis of arm.xml" in page and str(files[2]) in page
-
-
 def test_progress_goes_to_stderr_and_the_tables_to_stdout(doctor, files, tmp_path):
     result = run("diagnose", *files, "--out", tmp_path / "out")
     assert result.exit_code == 0, result.output
     said = " ".join(result.stdout.split())
-    for word in ("things differ from the model", "coulomb_friction", "joint:knee",
-                 "0.14 N m", "cannot be told from stribeck_friction by these",
-                 "1.9 deg as given, 0.31 deg patched (noise 0.10 deg)", "4.56 times",
-                 "to separate them: move the joint by hand", "29 deg/s",
-                 "0.21", "95 %", "note: The hip never", "report.html"):  # fmt: skip
+    said_words = (
+        *("things differ from the model", "coulomb_friction", "joint:knee", "0.14 N m"),
+        "cannot be distinguished from stribeck_friction by these",
+        "1.9 deg as given, 0.31 deg patched (noise 0.10 deg)",
+        *("4.56 times", "to separate them: move the joint by hand", "29 deg/s"),
+        *("0.21", "95 %", "note: The hip never", "report.html"),
+    )
+    for word in said_words:
         assert word in said, word
     assert result.stderr.count("s  trying every effect") == 1  # one stage
+    assert not doctor.asked[0]["findings_only"]
     assert "trying" not in result.stdout
 
 
@@ -85,47 +81,29 @@ def test_a_diagnosis_without_findings_is_printed(verdict, doctor, files, tmp_pat
     assert "held-out error" in result and "joint:knee" not in result
 
 
-def test_what_is_held_out_may_be_an_episode_or_a_file(doctor, files, tmp_path):
-    model, a, b = files
-    given = ["--held-out", "a.h5:zeta", "--held-out", b, "--out", tmp_path / "out"]
-    run("diagnose", model, a, *given)
-    assert doctor.asked[0]["files"] == [str(a), str(b)]
-    held_out = [f"{a}:zeta", f"{b}:zeta", f"{b}:alpha"]
-    assert doctor.asked[0]["held_out"] == held_out
-
-
-def test_an_episode_of_several_recordings_is_not_guessed(doctor, files, tmp_path):
-    _, a, b = files
-    given = ["--held-out", "alpha[0.1,0.2]", "--out", tmp_path / "out"]
-    said = refuse("diagnose", *files, *given)
-    assert f"{a}:alpha[0.1,0.2], {b}:alpha[0.1,0.2]" in said and doctor.asked == []
-
-
 @pytest.mark.parametrize(
-    "told", ["fb/r.h5", "./fb/r.h5", "{}/fb/r.h5", "fa/../fb/r.h5"]
+    ("held_out", "found"),
+    [
+        (["fa/r.h5:zeta"], ["fa/r.h5:zeta"]),
+        (["./fb/r.h5:zeta"], ["fb/r.h5:zeta"]),
+        (["{}/fb/r.h5:zeta"], ["fb/r.h5:zeta"]),
+        (["fa/../fb/r.h5:zeta"], ["fb/r.h5:zeta"]),
+        (["c.hdf5:alpha", "fa/r.h5:zeta"], ["c.hdf5:alpha", "fa/r.h5:zeta"]),
+        (["c.hdf5"], ["c.hdf5:zeta", "c.hdf5:alpha"]),
+    ],
 )
-def test_a_folder_tells_recordings_of_one_name_apart(
-    told, doctor, files, tmp_path, monkeypatch
+def test_an_episode_or_a_file_is_held_out(
+    held_out, found, doctor, files, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)
-    for folder in ("fa", "fb"):
-        (tmp_path / folder).mkdir()
-        write(read(files[1]), tmp_path / folder / "r.h5")
-    given = ["--held-out", told.format(tmp_path) + ":zeta", "--out", "out"]
-    run_well("diagnose", files[0], "fa/r.h5", "fb/r.h5", *given)
-    assert doctor.asked[0]["held_out"] == ["fb/r.h5:zeta"]
-    assert shorten_names(["fa/r.h5", "fb/r.h5", "x.h5"]) == [
-        "fa/r.h5",
-        "fb/r.h5",
-        "x.h5",
-    ]
-
-
-def test_a_file_to_hold_out_may_end_in_hdf5(doctor, files, tmp_path):
-    files[2].rename(tmp_path / "b.hdf5")
-    given = ["--held-out", tmp_path / "b.hdf5", "--out", tmp_path / "out"]
-    assert run("diagnose", *files[:2], *given).exit_code == 0
-    assert len(doctor.asked[0]["held_out"]) == 2
+    for name in ("fa/r.h5", "fb/r.h5", "c.hdf5"):
+        Path(name).parent.mkdir(exist_ok=True)
+        write(read(files[1]), name)
+    given = [w for one in held_out for w in ("--held-out", one.format(tmp_path))]
+    run_well("diagnose", files[0], "fa/r.h5", "fb/r.h5", "c.hdf5", *given, "--out", "o")
+    assert doctor.asked[0]["held_out"] == found
+    names = ["fa/r.h5", "fb/r.h5", "x.h5"]
+    assert shorten_names(names) == names
 
 
 BAD = [
@@ -152,6 +130,7 @@ BAD = [
     (["arm.xml", "a.h5", "--out", "."], "no part of a diagnosis"),
     (["arm.xml", "a.h5", "--out", ".", "--force"], "no part of a diagnosis"),
     (["arm.xml", "a.h5", "--out", "b.h5/x/y"], "b.h5 is a file"),
+    (["arm.xml", "a.h5", "b.h5", "--held-out", "zeta"], "a.h5:zeta, b.h5:zeta"),
 ]
 
 
@@ -166,12 +145,6 @@ def test_bad_input_is_refused_before_any_work(
     for extra in ([], ["--json"]):
         assert said in refuse("diagnose", *arguments, *out, *extra)
     assert doctor.asked == [] and _names(tmp_path) == before
-
-
-def test_an_argument_left_out_is_refused(doctor, files, tmp_path):
-    result = run("diagnose", files[0], "--out", tmp_path / "out")
-    assert result.exit_code == 2 and "Traceback" not in result.output
-    assert doctor.asked == []
 
 
 def test_without_a_folder_there_is_one_below_runs(doctor, files, tmp_path, monkeypatch):
@@ -218,6 +191,14 @@ def test_a_broken_off_diagnosis_leaves_only_what_it_resumes_from(
     assert run(*words, "--resume").exit_code == 0
     assert doctor.found == ["answer"]
     assert set(_names(tmp_path)) - set(before) == {"out"}
+    doctor.answer = error
+    run(*words, "--force")
+    doctor.answer = answer
+    assert run(*words, "--force").exit_code == 0  # without --resume it begins anew
+    assert doctor.found == []
+    result = run(*words, "--force", "--resume")
+    assert result.exit_code == 0
+    assert "from the beginning" in " ".join(result.stderr.split())
 
 
 def test_the_first_interrupt_asks_for_the_answer_and_the_second_ends(
@@ -234,37 +215,10 @@ def test_the_first_interrupt_asks_for_the_answer_and_the_second_ends(
 
 
 def test_the_answer_is_asked_for_when_the_minutes_are_over(doctor, files, tmp_path):
-    words = ["diagnose", *files, "--out", tmp_path / "out", "--minutes", "1e-9"]
-    assert run(*words).exit_code == 0 and doctor.is_over
-
-
-@pytest.mark.parametrize("minutes", ["0", "-1", "nan"])
-def test_minutes_that_are_none_are_refused(minutes, files, tmp_path):
-    given = ["--out", tmp_path / "out", f"--minutes={minutes}"]
-    assert "more than 0" in refuse("diagnose", *files, *given)
-
-
-def test_without_resume_a_diagnosis_begins_anew(doctor, files, tmp_path):
-    answer, doctor.answer = doctor.answer, KeyboardInterrupt()
-    words = ["diagnose", *files, "--out", tmp_path / "out"]
-    run(*words)
-    doctor.answer = answer
-    assert run(*words).exit_code == 0
-    assert doctor.found == []
-
-
-def test_with_nothing_to_resume_it_says_so_and_begins(doctor, files, tmp_path):
-    result = run("diagnose", *files, "--out", tmp_path / "out", "--resume")
-    assert result.exit_code == 0
-    assert "from the beginning" in " ".join(result.stderr.split())
-
-
-def test_a_name_to_hold_out_that_is_none_is_refused(files, tmp_path):
-    """The diagnoser itself refuses the name."""
-    given = ["--held-out", "omega", "--out", tmp_path / "out"]
-    said = refuse("diagnose", *files[:2], *given, "--json")
-    assert "omega" in said and "alpha" in said
-    assert not (tmp_path / "out").exists()
+    words = ["diagnose", *files, "--out", tmp_path / "out", "--minutes"]
+    for none in (0, -1, "nan"):
+        assert "more than 0" in refuse(*words, none)
+    assert run(*words, "1e-9").exit_code == 0 and doctor.is_over
 
 
 # ---- replay
@@ -285,11 +239,9 @@ def test_replay_writes_a_recording(doctor, diagnosed, files, tmp_path):
     assert result.exit_code == 0, result.output
     told = json.loads(result.stdout)
     assert result.stderr == "" and told.pop("seconds") >= 0
-    assert told == {
-        "format": "selfheal-replay", "version": 1, "diagnosis": str(diagnosed),
-        "model": str(model), "inputs": str(a), "predicted": str(out), "episodes": 2,
-        "samples": 17,
-    }  # fmt: skip
+    head = {"format": "selfheal-replay", "version": 1, "episodes": 2, "samples": 17}
+    paths = {"diagnosis": diagnosed, "model": model, "inputs": a, "predicted": out}
+    assert told == head | {name: str(path) for name, path in paths.items()}
     assert doctor.asked == [{"folder": diagnosed, "file": str(a), "model": model}]
     assert set(read(out).episodes) == {"zeta", "alpha"}
     again = run_well("replay", diagnosed, a, "--out", out)  # over an earlier one

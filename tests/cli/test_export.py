@@ -22,9 +22,12 @@ def home(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     time = np.arange(0, 1, 0.01)
     made = Recording.from_arrays(
-        time, {"motor": np.sin(9 * time)}, {"joint_position": {"hinge": 0 * time}},
-        qpos0=[0.2], qvel0=[0.0],
-    )  # fmt: skip
+        time,
+        {"motor": np.sin(9 * time)},
+        {"joint_position": {"hinge": 0 * time}},
+        qpos0=[0.2],
+        qvel0=[0.0],
+    )
     made.write("log.h5")
     (tmp_path / "model.xml").write_text(HINGE)
     write_empty_diagnosis(tmp_path / "diagnosis", tmp_path / "model.xml")
@@ -63,7 +66,7 @@ def test_predictions_stand_beside_readings(home):
     [
         ("log.h5 --to xlsx", "valid: csv, mcap, parquet, rrd"),
         ("none.h5 --to csv", "none.h5"),
-        ("log.h5 --to csv --out log.h5 --force", "would overwrite the recording"),
+        ("log.h5 --to csv --out log.h5 --force", "would overwrite what it"),
         ("log.h5 --to csv --out missing/x.csv", "missing/x.csv"),
         ("log.h5 --to csv --diagnosis .", "diagnosis"),
     ],

@@ -65,11 +65,9 @@ def named(recording, tmp_path):
     def make(name: str) -> Path:
         episode = recording.episodes["alpha"]
         voltage = replace(episode.signals["voltage"], target=name)
-        up = replace(episode.signals["up"], unit=name)
-        episode = replace(
-            episode, ctrl_names=("motor", name), motion=name,
-            signals={name: voltage, "up": up},
-        )  # fmt: skip
+        signals = {name: voltage, "up": replace(episode.signals["up"], unit=name)}
+        episode = replace(episode, motion=name, signals=signals)
+        episode = replace(episode, ctrl_names=("motor", name))
         made = Recording({name: episode}, robot=name, source=name)
         write(made, tmp_path / "named.h5")
         return tmp_path / "named.h5"
@@ -78,29 +76,21 @@ def named(recording, tmp_path):
 
 
 @HOSTILE
-def test_a_recording_of_any_names_is_shown(name, named):
-    out, err, code = _run("recording", "check", named(name))
+def test_a_recording_of_any_names_is_shown_and_refused_in_a_line(name, named, model):
+    file = named(name)
+    out, err, code = _run("recording", "check", file)
     assert (err, code) == ("", 0) and "keeps the contract." in out
     assert name in out or name != NAMES["markup"]
     rows = [line for line in out.splitlines() if line.startswith("selfheal")]
     assert rows == []  # a newline in a name forges no line
-
-
-@HOSTILE
-def test_json_has_the_names_as_they_are(name, named):
-    out, _, _ = _run("recording", "check", named(name), "--json")
+    out, _, _ = _run("recording", "check", file, "--json")
     assert out.isascii() and out.count("\n") == 1
     told = json.loads(out)
     (episode,) = told["episodes"]
-    signal = episode["signals"][0]
-    found = (told["robot"], told["source"], episode["id"], episode["motion"],
-             episode["actuators"][1], signal["name"], signal["target"])  # fmt: skip
-    assert set(found) == {name}
-
-
-@HOSTILE
-def test_a_recording_that_does_not_fit_is_refused_in_a_line(name, named, model):
-    said = _refused("recording", "check", named(name), "--model", model)
+    signal, actuator = episode["signals"][0], episode["actuators"][1]
+    found = {told["robot"], told["source"], episode["id"], episode["motion"], actuator}
+    assert found | {signal["name"], signal["target"]} == {name}
+    said = _refused("recording", "check", file, "--model", model)
     assert "the model has no actuator" in said
 
 
@@ -161,10 +151,9 @@ def test_a_diagnosis_file_of_any_names_is_refused_in_a_line(
 def test_a_run_of_any_names_is_printed(capsys):
     run = make_run()
     names = tuple(f"{name}{HALVES}" for name in list(NAMES.values())[-3:])
-    made = replace(
-        run, anatomy=replace(run.anatomy, parts=names), counts={NAMES["title"]: 1},
-        result={"sureness": [0.5] * 3, "tilt_error": 0.1},
-    )  # fmt: skip
+    result = {"sureness": [0.5] * 3, "tilt_error": 0.1}
+    anatomy = replace(run.anatomy, parts=names)
+    made = replace(run, anatomy=anatomy, counts={NAMES["title"]: 1}, result=result)
     _print_result(made, [Path(NAMES["color"])])
     out = capsys.readouterr().out
     assert not find_raw(out) and r"\x1b[31mred" in out
@@ -177,7 +166,7 @@ def test_a_run_file_of_any_names_is_shown(tmp_path):
     anatomy = replace(run.anatomy, parts=names, joints=names)
     settings = replace(run.settings, robot=NAMES["bidi"], recordings=NAMES["color"])
     save_run(replace(run, anatomy=anatomy, settings=settings), tmp_path / "run.h5")
-    out, err, code = _run("show", tmp_path / "run.h5")
+    _, err, code = _run("show", tmp_path / "run.h5")
     assert (err, code) == ("", 0)
     page = (tmp_path / "report.html").read_text()
     assert not find_raw(page) and r"\u202egnp.exe" in page
@@ -194,10 +183,9 @@ def test_a_study_of_any_names_is_shown(name, tmp_path):
     done = {"settings": settings, "seconds": 1.0, "megabytes": 5, "worker": name}
     create_study(tmp_path / "study.h5", "diagnose", {name: name}, tasks)
     with open_journal(tmp_path / "study.h5") as journal:
-        journal.add([
-            {"key": name, "outcome": outcome, "error": "", **done},
-            {"key": f"{name}2", "outcome": None, "error": f"Error: {name}", **done},
-        ])  # fmt: skip
+        failed = {"key": f"{name}2", "outcome": None, "error": f"Error: {name}"}
+        found = {"key": name, "outcome": outcome, "error": ""}
+        journal.add([found | done, failed | done])
     out, _, code = _run("study", "show", tmp_path / "study.h5")
     assert code == 0 and out.endswith("report.md\n")
     told = json.loads(_run("study", "show", tmp_path / "study.h5", "--json")[0])
@@ -230,7 +218,7 @@ def test_a_table_in_colors_has_no_control_but_its_own(name, colors, capsys):
 
 @HOSTILE
 def test_progress_has_no_control_but_its_own(name, colors, capsys):
-    with ProgressBar(name, as_json=False) as live:
+    with ProgressBar(name, as_json=False, progress=False) as live:
         live.say(name, head="1")
         live.show(name, 0.5)
         print(name, file=sys.stderr)
@@ -249,7 +237,7 @@ def test_whoever_writes_to_a_guarded_stream_controls_nothing(name, capsys):
     assert not find_raw(capsys.readouterr().out)
 
 
-def test_a_warning_of_mujoco_is_a_line(recording, tmp_path):
+def test_a_warning_of_mujoco_is_a_line(tmp_path):
     """Two joints about one axis: an inertia that cannot be inverted."""
     model = tmp_path / "odd.xml"
     model.write_text(
@@ -257,11 +245,9 @@ def test_a_warning_of_mujoco_is_a_line(recording, tmp_path):
         '<geom size="0.1" mass="1"/></body></worldbody></mujoco>'
     )
     folder = write_empty_diagnosis(tmp_path / "d", model)
-    episode = replace(
-        recording.episodes["alpha"], ctrl=np.zeros((5, 0)), ctrl_names=(), signals={},
-        qpos0=np.zeros(2), qvel0=np.zeros(2),
-    )  # fmt: skip
-    write(Recording({"a": episode}), tmp_path / "in.h5")
+    still = {"qpos0": np.zeros(2), "qvel0": np.zeros(2)}
+    given = Recording.from_arrays(np.arange(5) / 10, {}, {}, **still)
+    write(given, tmp_path / "in.h5")
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         arguments = ("replay", folder, tmp_path / "in.h5", "--out", tmp_path / "p.h5")
@@ -276,13 +262,15 @@ def test_a_warning_is_said_once_and_a_log_that_nobody_reads_in_a_line(capsys):
         warnings.simplefilter("always")
         for text in ("\x1b[31m\nfirst", "second", "second"):
             warnings.warn(text, stacklevel=1)
-        record = logging.makeLogRecord({"msg": "no %s", "args": ("\x1b",),
-                                        "levelname": "WARNING"})  # fmt: skip
+        record = logging.makeLogRecord(
+            {"msg": "no %s", "args": ("\x1b",), "levelname": "WARNING"}
+        )
         logging.lastResort.emit(record)
     assert capsys.readouterr().err.splitlines() == [
         r"selfheal: warning: no \x1b",
-        r"selfheal: warning: \x1b[31m\nfirst", "selfheal: warning: second",
-    ]  # fmt: skip
+        r"selfheal: warning: \x1b[31m\nfirst",
+        "selfheal: warning: second",
+    ]
     assert warnings.showwarning is kept and logging.lastResort.formatter is None
 
 

@@ -188,11 +188,12 @@ def test_what_is_imported_is_replayed(home):
     said = refuse("diagnose", "robot.xml", "log.csv", "--out", "found")
     assert not (home / "found").exists()
     (home / "map.toml").unlink()
-    for command in re.findall("selfheal (recording import [^;\n]*?)(?=;|$)",
-                              said.strip().replace("then ", "")):  # fmt: skip
+    for command in re.findall(
+        "selfheal (recording import [^;\n]*?)(?=;|$)", said.strip().replace("then ", "")
+    ):
         run_well(*command.split())
     write_empty_diagnosis(home / "found", home / "robot.xml")
-    run_well(*"replay found recording.h5 --out predicted.h5".split())
+    run_well("replay", "found", "recording.h5", "--out", "predicted.h5")
     played, given = (read(f) for f in ("predicted.h5", "recording.h5"))
     angles = [
         r.episodes["000"].signals["hinge_position"].values for r in (played, given)

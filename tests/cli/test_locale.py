@@ -64,9 +64,11 @@ def test_paths_work_where_the_locale_has_no_language(recording, model, tmp_path)
     write(replace(recording, robot="é – 漢"), folder / "é.h5")
     paths = [folder / "m.xml", folder / "é.h5", tmp_path / "ö"]
     done = subprocess.run(
-        [sys.executable, "-c", USE_ALL, *paths], env=os.environ | PLAIN,
-        capture_output=True, check=False,
-    )  # fmt: skip
+        [sys.executable, "-c", USE_ALL, *paths],
+        env=os.environ | PLAIN,
+        capture_output=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     last = done.stdout.decode().splitlines()[-1]
     assert f"{paths[1]} (é – 漢)" in last and f"fits {paths[0]}." in last

@@ -24,8 +24,10 @@ from tests.support.logs.reading import FIELD, needs_field
 
 ARM = {"shoulder": (-2.0, 2.0), "elbow": (-2.0, 2.0)}
 DESK_ARM = {
-    "shoulder_pan": (-1.9, 1.9), "shoulder_lift": (-1.7, 1.7), "gripper": (-0.2, 1.7),
-}  # fmt: skip
+    "shoulder_pan": (-1.9, 1.9),
+    "shoulder_lift": (-1.7, 1.7),
+    "gripper": (-0.2, 1.7),
+}
 LEG = {f"FL_{part}_joint": (-2.0, 2.0) for part in ("hip", "thigh", "calf")}
 HIPS = [f"{leg}_hip" for leg in ("FL", "FR", "RL", "RR")]
 SERVO = '<position name="{}" joint="{}" kp="15" kv="1.5"/>'
@@ -37,115 +39,124 @@ LATE = 4  # rows by which commands come late
 
 @dataclass(frozen=True)
 class Route:
-    """A newcomer's way.
+    """From a robot's model and log to a diagnosis.
 
     Attributes:
-        robot: text of the model that he has.
-        log: name of his log.
-        write: writes that of runs.
-        found: effect and target of what is concealed.
-        friction: that is concealed in the target [N m]; 0 where commands come late.
+        robot: text of its model.
+        write: writes the log of runs.
+        target: of the friction that is concealed; "world": commands come late instead.
+        friction: [N m].
         rate: [Hz] of the log.
-        preset: that he gives.
-        prepare: options with which he makes a model with drives of his own.
+        prepare: options with which a model with drives is made.
     """
 
     robot: str
     log: str
     write: Callable[[Path, list[Run], list[str]], None]
-    found: tuple[str, str]
+    target: str = "elbow"
     friction: float = 0.15
     rate: float = 100.0
     preset: str = ""
-    prepare: tuple[str, ...] = ()
+    prepare: str = ""
+
+    @property
+    def found(self) -> tuple[str, str]:
+        """Effect and target of what is concealed."""
+        if self.target == "world":
+            return "clock_shift", "world"
+        return "coulomb_friction", f"joint:{self.target}"
 
 
-_ELBOW = ("coulomb_friction", "joint:elbow")
-_LIFT = ("coulomb_friction", "joint:shoulder_lift")
-_CHAIN = robots.make_chain(ARM, SERVO)
+_CHAIN, _DESK = robots.make_chain(ARM, SERVO), robots.make_chain(DESK_ARM, SERVO)
+_LEG, _URDF = robots.make_chain(LEG, MOTOR, FREE_BASE), robots.make_urdf(list(ARM))
+_SERVO = robots.make_chain({"servo": (-2.0, 2.0)}, SERVO)
+_LIFT = ("shoulder_lift", 0.25, 30.0)
+_CALF = ("FL_calf_joint", 0.3, 100.0, "legged_gym")
+_write_lerobot = partial(logs.write_lerobot3, limits=[*DESK_ARM.values()])
+_write_degrees, _write_shares = (
+    partial(_write_lerobot, in_degrees=in_degrees) for in_degrees in (True, False)
+)
+_HUNG = "--kp 20 --kv 1.5 --weld-base"
 ROUTES = {
-    "csv": Route(_CHAIN, "log.csv", write_csv, _ELBOW),
-    "csv without names": Route(_CHAIN, "log.csv", logs.write_numbers, _ELBOW),
-    "ros2 and urdf": Route(
-        robots.make_urdf(list(ARM)), "bag", write_ros2_bag, _ELBOW,
-        prepare=("--kp", "15", "--kv", "1.5"),
-    ),
+    "csv": Route(_CHAIN, "log.csv", write_csv),
+    "csv without names": Route(_CHAIN, "log.csv", logs.write_numbers),
+    "ros2 and urdf": Route(_URDF, "bag", write_ros2_bag, prepare="--kp 15 --kv 1.5"),
     "ros2_control": Route(
-        _CHAIN, "bag", logs.write_controller_mcap, ("clock_shift", "world"), 0.0,
-        preset="ros2_control",
+        _CHAIN, "bag", logs.write_controller_mcap, "world", preset="ros2_control"
     ),
-    "lerobot in degrees": Route(
-        robots.make_chain(DESK_ARM, SERVO), "set",
-        partial(logs.write_lerobot3, limits=[*DESK_ARM.values()], in_degrees=True),
-        _LIFT, 0.25, 30.0,
-    ),
-    "lerobot in shares": Route(
-        robots.make_chain(DESK_ARM, SERVO), "set",
-        partial(logs.write_lerobot3, limits=[*DESK_ARM.values()], in_degrees=False),
-        _LIFT, 0.25, 30.0, "lerobot-so101",
-    ),
-    "legged_gym, hung": Route(
-        robots.make_chain(LEG, MOTOR, FREE_BASE), "log.pt", logs.write_legged_gym,
-        ("coulomb_friction", "joint:FL_calf_joint"), 0.3, 100.0, "legged_gym",
-        ("--kp", "20", "--kv", "1.5", "--weld-base"),
-    ),
+    "lerobot in degrees": Route(_DESK, "set", _write_degrees, *_LIFT),
+    "lerobot in shares": Route(_DESK, "set", _write_shares, *_LIFT, "lerobot-so101"),
+    "legged_gym, hung": Route(_LEG, "log.pt", logs.write_legged_gym, *_CALF, _HUNG),
     STANDING: Route(
-        robots.make_quadruped(HIPS), "log.npz", logs.write_standing,
-        ("coulomb_friction", "joint:RL_hip"), 0.5, preset="legged_gym",
+        robots.make_quadruped(HIPS),
+        "log.npz",
+        logs.write_standing,
+        "RL_hip",
+        0.5,
+        preset="legged_gym",
     ),
     "servo in JSON": Route(
-        robots.make_chain({"servo": (-2.0, 2.0)}, SERVO), "log.json",
-        logs.write_servo_json, ("coulomb_friction", "joint:servo"), rate=50.0,
+        _SERVO, "log.json", logs.write_servo_json, "servo", rate=50.0
     ),
-    "robomimic": Route(_CHAIN, "demo.hdf5", logs.write_robomimic, _ELBOW, rate=50.0),
-    "matlab": Route(_CHAIN, "log.mat", logs.write_matlab, _ELBOW),
-}  # fmt: skip
+    "robomimic": Route(_CHAIN, "demo.hdf5", logs.write_robomimic, rate=50.0),
+    "matlab": Route(_CHAIN, "log.mat", logs.write_matlab),
+}
 
 
 def _simulate(route: Route, text: str) -> list[Run]:
     """Runs of the robot with what its model lacks."""
 
     def conceal(model):
-        if route.friction:
-            joint = model.joint(route.found[1].removeprefix("joint:"))
+        if route.target != "world":
+            joint = model.joint(route.target)
             model.dof_frictionloss[joint.dofadr[0]] = route.friction
 
     if "freejoint" in text:
         return robots.simulate_standing(text, conceal)
     runs = simulate_runs(text, conceal, rate=route.rate, seconds=6.0)
-    if route.friction:
+    if route.target != "world":
         return runs
     # a trajectory controller's goals have no steps, and speeds of a bus are noisy
-    rng = np.random.default_rng(0)
-    return [
-        Run(r.time[:-LATE], r.goal[LATE:], r.position[:-LATE],
-            (r.velocity + rng.normal(0, 0.02, r.velocity.shape))[:-LATE])
-        for k, r in enumerate(runs) if k != 1
-    ]  # fmt: skip
+    rng, late = np.random.default_rng(0), []
+    for r in (runs[0], *runs[2:]):
+        v = r.velocity + rng.normal(0, 0.02, r.velocity.shape)
+        late.append(Run(r.time[:-LATE], r.goal[LATE:], r.position[:-LATE], v[:-LATE]))
+    return late
+
+
+def _prepare(folder: Path, robot: str, options: str) -> None:
+    """The model with drives."""
+    own = folder / f"own.{'urdf' if '<robot' in robot else 'xml'}"
+    own.write_text(robot)
+    run_well("model", "prepare", own, *options.split(), "--out", folder / "model.xml")
+
+
+def _import(folder: Path, log: Path, preset: str) -> dict:
+    """What is guessed of a log, whose recording is then without a fault."""
+    model, map_file = folder / "model.xml", folder / "map.toml"
+    recording = folder / "rec.h5"
+    words = ("recording", "import", log, "--model", model)
+    known = ("--preset", preset) if preset else ()
+    told = run_well(*words, "--guess", *known, "--out", map_file, "--json")
+    run_well(*words, "--map", map_file, "--out", recording)
+    checked = ("check", recording, "--model", model, "--map", map_file)
+    assert "no fault of the log was found" in run_well("recording", *checked)
+    guess = json.loads(told)
+    assert not guess["missing"]
+    return guess
 
 
 def _follow(route: Route, folder: Path) -> list[Run]:
     """All lines up to the check of the recording; the runs that the log holds."""
-    model, log, recording = folder / "model.xml", folder / route.log, folder / "rec.h5"
+    model = folder / "model.xml"
     if route.prepare:
-        own = folder / f"own.{'urdf' if '<robot' in route.robot else 'xml'}"
-        own.write_text(route.robot)
-        run_well("model", "prepare", own, *route.prepare, "--out", model)
+        _prepare(folder, route.robot, route.prepare)
     else:
         model.write_text(route.robot)
-    runs = _simulate(route, model.read_text())
-    compiled = load_model(model)
+    runs, compiled = _simulate(route, model.read_text()), load_model(model)
     joints = [compiled.joint(j).name for j in range(compiled.njnt)]
-    route.write(log, runs, [name for name in joints if name])
-    words = ("recording", "import", log, "--model", model)
-    preset = ("--preset", route.preset) if route.preset else ()
-    told = json.loads(run_well(*words, "--guess", *preset, "--out", folder / "map.toml",
-                           "--json"))  # fmt: skip
-    assert not told["missing"]
-    run_well(*words, "--map", folder / "map.toml", "--out", recording)
-    said = run_well("recording", "check", recording, "--model", model,
-                "--map", folder / "map.toml")  # fmt: skip
-    assert "no fault of the log was found" in said
+    route.write(folder / route.log, runs, [name for name in joints if name])
+    _import(folder, folder / route.log, route.preset)
     return runs
 
 
@@ -171,8 +182,8 @@ def test_a_guess_makes_a_recording_of_what_the_robot_did(name, tmp_path):
 @pytest.mark.parametrize("name", [name for name in ROUTES if name != STANDING])
 def test_the_verdict_names_what_was_concealed_and_nothing_else(name, tmp_path):
     _follow(ROUTES[name], tmp_path)
-    run_well("diagnose", tmp_path / "model.xml", tmp_path / "rec.h5",
-         "--out", tmp_path / "found")  # fmt: skip
+    given = tmp_path / "model.xml", tmp_path / "rec.h5"
+    run_well("diagnose", *given, "--out", tmp_path / "found")
     document = json.loads((tmp_path / "found" / "diagnosis.json").read_text())
     found = [(f["effect"], f["target"]) for f in document["findings"]]
     assert found == [ROUTES[name].found]
@@ -182,16 +193,7 @@ def test_the_verdict_names_what_was_concealed_and_nothing_else(name, tmp_path):
 @needs_field
 def test_a_hung_go2_gets_through_to_the_check(tmp_path):
     """Its motors are torque motors, its log holds goals, its base hangs."""
-    own, model, log = (tmp_path / "go2.xml", tmp_path / "model.xml",
-                       FIELD / "go2_air" / "traj_0.pt")  # fmt: skip
-    text = (FIELD / "go2_air" / "go2_upstream.xml").read_text()
-    own.write_text(text)
-    run_well("model", "prepare", own, "--kp", 20, "--kv", 1.5, "--weld-base",
-         "--out", model)  # fmt: skip
-    words = ("recording", "import", log, "--model", model)
-    told = json.loads(run_well(*words, "--guess", "--preset", "legged_gym", "--out",
-                           tmp_path / "map.toml", "--json"))  # fmt: skip
-    assert not told["missing"] and not re.search("KP", " ".join(told["remarks"]))
-    run_well(*words, "--map", tmp_path / "map.toml", "--out", tmp_path / "rec.h5")
-    said = run_well("recording", "check", tmp_path / "rec.h5", "--model", model)
-    assert "no fault of the log was found" in said
+    folder = FIELD / "go2_air"
+    _prepare(tmp_path, (folder / "go2_upstream.xml").read_text(), _HUNG)
+    guess = _import(tmp_path, folder / "traj_0.pt", "legged_gym")
+    assert not re.search("KP", " ".join(guess["remarks"]))

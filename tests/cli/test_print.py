@@ -4,8 +4,12 @@ import pytest
 
 from selfheal.cli._print import print_table
 
-LONG = ("load_dependent_friction", "actuator:left_shoulder_motor",
-        "load_coefficient 0.14 (0.12 to 0.16)", "4.60 times")  # fmt: skip
+LONG = (
+    "load_dependent_friction",
+    "actuator:left_shoulder_motor",
+    "load_coefficient 0.14 (0.12 to 0.16)",
+    "4.60 times",
+)
 SHORT = (
     "coulomb_friction",
     "joint:knee",

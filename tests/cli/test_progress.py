@@ -12,17 +12,17 @@ from selfheal.cli.identify import _CycleProgress
 from selfheal.cli.recover import _RunProgress
 from selfheal.recovery.recover_run import RecoverRun
 
+PLAIN = {"as_json": False, "progress": False}
+
 
 @pytest.fixture
 def seen(monkeypatch, capsys):
     """Show a bar and two lines, with or without a terminal; returns both outputs."""
 
-    def play(
-        *, terminal: bool, as_json: bool = False, asked: bool = False
-    ) -> tuple[str, str]:
+    def play(*, terminal: bool, **more: bool) -> tuple[str, str]:
         monkeypatch.setenv("TERM", "xterm")
         monkeypatch.setenv("FORCE_COLOR", "1" if terminal else "")
-        with ProgressBar("reading", as_json=as_json, asked=asked) as live:
+        with ProgressBar("reading", **{**PLAIN, **more}) as live:
             live.say("first")
             live.show("turning", 0.5)
             live.say("[last]")
@@ -54,12 +54,12 @@ def test_on_a_terminal_there_is_a_bar_too_and_nothing_on_standard_output(seen, a
 
 def test_for_a_script_it_is_silent_unless_asked(seen):
     assert seen(terminal=False, as_json=True) == ("", "")
-    out, err = seen(terminal=False, as_json=True, asked=True)
+    out, err = seen(terminal=False, as_json=True, progress=True)
     assert out == "" and " 50 %" in err and "turning" in err and "left" in err
 
 
 def test_the_time_left_goes_on_between_two_reports(clock):
-    live = ProgressBar("reading", as_json=False)
+    live = ProgressBar("reading", **PLAIN)
     clock.seconds = 4.0
     assert live.share == 0 and "left" not in live.state  # nothing is known
     clock.seconds = 10.0
@@ -72,7 +72,7 @@ def test_the_time_left_goes_on_between_two_reports(clock):
 
 
 def test_a_bar_never_goes_back(clock):
-    live = ProgressBar("reading", as_json=False)
+    live = ProgressBar("reading", **PLAIN)
     shares = []
     for seconds, share in (10.0, 0.5), (15.0, 0.3), (30.0, 0.2), (60.0, 0.9):
         clock.seconds = seconds
@@ -85,9 +85,15 @@ def test_a_bar_never_goes_back(clock):
 
 @pytest.mark.parametrize(
     "seconds, said",
-    [(0.2, "about 1 s left"), (7.4, "about 7 s left"), (43, "about 45 s left"),
-     (89, "about 90 s left"), (100, "about 2 min left"), (1000, "about 17 min left")],
-)  # fmt: skip
+    [
+        (0.2, "about 1 s left"),
+        (7.4, "about 7 s left"),
+        (43, "about 45 s left"),
+        (89, "about 90 s left"),
+        (100, "about 2 min left"),
+        (1000, "about 17 min left"),
+    ],
+)
 def test_a_time_left_is_said_no_more_exactly_than_it_is_known(seconds, said):
     assert format_left(seconds) == said
 
