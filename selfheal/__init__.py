@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 
 
 def __getattr__(name: str) -> Any:
-    """What Python users call, loaded when it is first asked for."""
+    """What Python users call, loaded when it is first used."""
     if name in __all__:
         from . import api
 

@@ -14,14 +14,14 @@ from .files import check_file
 
 _MAX_SIZE = 1_000_000  # bytes; chosen: ten thousand lines
 _MAX_SHOWN = 60  # characters of a misfit that a message repeats; chosen
-Stated = TypeVar("Stated")
+Content = TypeVar("Content")
 
 
-def read_toml(path: str | os.PathLike[str], kind: type[Stated]) -> Stated:
-    """What a file states, as a dataclass that pydantic checks.
+def read_toml(path: str | os.PathLike[str], kind: type[Content]) -> Content:
+    """The content of a file, as a dataclass that pydantic checks.
 
     Raises:
-        InputError: it is missing, no TOML, or states something that is not known.
+        InputError: it is missing, no TOML, or has something that is not known.
     """
     check_file(path)
     name = os.fspath(path)
@@ -34,14 +34,11 @@ def read_toml(path: str | os.PathLike[str], kind: type[Stated]) -> Stated:
     return check_document(document, kind, name)
 
 
-def check_document(document: object, kind: type[Stated], name: str) -> Stated:
-    """What a document states.
-
-    Args:
-        document: what `tomllib` makes of a file.
+def check_document(document: object, kind: type[Content], name: str) -> Content:
+    """The content of a document.
 
     Raises:
-        InputError: it states something that is not known.
+        InputError: it has something that is not known.
     """
     # as JSON: a strict dataclass takes a document from no other form
     text = json.dumps(document, default=str)
@@ -56,13 +53,10 @@ def check_document(document: object, kind: type[Stated], name: str) -> Stated:
 def explain_misfit(
     member: str, error: ValidationError, text: str | bytes
 ) -> tuple[str, str, str]:
-    """Place, finding and what would fit, of the first thing that is wrong.
+    """Place in a member, finding and what would fit, of the first thing that is wrong.
 
     Where a value may be of several types, each has an error: those that lead furthest
     into the document count.
-
-    Args:
-        member: that the document is of; "" leaves it out of the place.
     """
     found = error.errors(include_url=False)
     if found[0]["type"] == "json_invalid":

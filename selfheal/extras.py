@@ -13,8 +13,7 @@ DISTRIBUTION = "selfheal-robotics"
 def import_extra(module: str, extra: str, purpose: str) -> Any:
     """A module that only an extra of pyproject.toml installs.
 
-    Args:
-        purpose: what needs it, the beginning of the message.
+    `purpose` says what needs it, as the beginning of the message.
 
     Raises:
         InputError: it is not installed; the message has the line that installs it.

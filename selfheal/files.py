@@ -11,12 +11,16 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING
 from uuid import uuid4
 
 from .errors import InputError, RunFileError, RunLockError, SelfhealError
 from .limited_reading import explain_dangerous
 from .machine import lock
+
+if TYPE_CHECKING:
+    import h5py
+    from typing_extensions import Buffer
 
 # values that an HDF5 file may state; chosen: 1.6 GB as float64, which is two days at
 # 1 kHz of one signal, or an hour of 55
@@ -153,14 +157,14 @@ class _ForgivingFile(io.FileIO):
 
     error: OSError | None = None
 
-    def readinto(self, buffer: Any) -> int:
+    def readinto(self, buffer: "Buffer") -> int:
         """Fill a buffer; what was never written reads as zeros."""
         count = super().readinto(buffer) or 0
         view = memoryview(buffer).cast("B")
         view[count:] = bytes(len(view) - count)
         return len(view)
 
-    def write(self, content: Any) -> int:
+    def write(self, content: "Buffer") -> int:
         """Write all of a buffer, unless writing has failed before."""
         view, done = memoryview(content).cast("B"), 0
         try:
@@ -182,7 +186,7 @@ class _ForgivingFile(io.FileIO):
 
 
 @contextmanager
-def atomic_hdf5(path: str | os.PathLike[str]) -> Iterator[Any]:
+def atomic_hdf5(path: str | os.PathLike[str]) -> "Iterator[h5py.File]":
     """Give an empty HDF5 file; on success it is at `path` at once.
 
     Raises:
@@ -242,7 +246,7 @@ def _is_same_file(file: IO[str], path: Path) -> bool:
 @contextmanager
 def open_run(
     path: str | os.PathLike[str], what: str, *, form: str, version: int
-) -> Iterator[Any]:
+) -> "Iterator[h5py.File]":
     """Open a run's HDF5 file and check that it is what its reader takes.
 
     Args:
@@ -307,14 +311,11 @@ def read_members(path: str | os.PathLike[str]) -> None:
                     member[()]
 
 
-def walk_hdf5(group: Any) -> Iterator[tuple[str, Any]]:
+def walk_hdf5(group: "h5py.Group") -> "Iterator[tuple[str, h5py.HLObject]]":
     """Path and member of all that an HDF5 group holds, each group once.
 
     Links to elsewhere are not followed: in place of their members they come themselves.
     There are no callbacks, for h5py makes a `SystemError` of what is raised in one.
-
-    Args:
-        group: an h5py.Group of an open file.
     """
     import h5py
 
@@ -333,12 +334,14 @@ def walk_hdf5(group: Any) -> Iterator[tuple[str, Any]]:
                     left.append((f"{path}/", member))
 
 
-def count_values(dataset: Any) -> int:
-    """How many values reading an h5py.Dataset unpacks: one chunk always as a whole."""
+def count_values(dataset: "h5py.Dataset") -> int:
+    """How many values reading a dataset unpacks: one chunk always as a whole."""
     return max(dataset.size or 0, math.prod(dataset.chunks or (0,)))
 
 
-def _check_run(path: Path, attrs: Any, what: str, form: str, version: int) -> None:
+def _check_run(
+    path: Path, attrs: "h5py.AttributeManager", what: str, form: str, version: int
+) -> None:
     """Refuse a file of another format or version."""
     found = attrs.get("format")
     if found != form:

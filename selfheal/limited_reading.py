@@ -11,10 +11,11 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from threading import Lock
-from typing import Any
+from typing import NamedTuple
 
 from .machine import BARE_FOLDER, limit_memory
 
@@ -28,6 +29,16 @@ MAX_EXPANSION = 4
 _OUT_OF_MEMORY, _UNKNOWN_ERROR = 3, 4  # exit codes of a child
 _LATE = signal.SIGALRM.name
 _lock = Lock()
+
+
+class _Request(NamedTuple):
+    """What a child is to read, in so much time [s] and more memory [B]."""
+
+    reader: str
+    library: str
+    path: str
+    seconds: float
+    memory: int
 
 
 def explain_dangerous(path: str | os.PathLike[str], reader: str, library: str) -> str:
@@ -50,10 +61,8 @@ def explain_dangerous(path: str | os.PathLike[str], reader: str, library: str) -
 def _explain_version(reader: str, library: str, path: str, _: int, size: int) -> str:
     """What becomes of reading a file that was last modified at a time; read once."""
     seconds, memory = MAX_SECONDS + size / MIN_SPEED, MAX_MEMORY + MAX_EXPANSION * size
-    request = {"library": library, "reader": reader, "path": path, "seconds": seconds,
-               "memory": memory}  # fmt: skip
     with _lock:
-        outcome = _ask_server(request)
+        outcome = _ask_server(_Request(reader, library, path, seconds, memory))
     if not outcome:
         return ""
     if outcome == _OUT_OF_MEMORY:
@@ -70,7 +79,7 @@ def _explain_version(reader: str, library: str, path: str, _: int, size: int) ->
     )
 
 
-def _ask_server(request: dict[str, Any]) -> Any:
+def _ask_server(request: _Request) -> int | str:
     """Have a file read by the server; 0 where that ended by itself."""
     process = _start_server(os.getpid())
     sent, got = process.stdin, process.stdout
@@ -78,7 +87,8 @@ def _ask_server(request: dict[str, Any]) -> Any:
     try:
         sent.write(json.dumps(request) + "\n")
         sent.flush()
-        return json.loads(got.readline())
+        outcome: int | str = json.loads(got.readline())
+        return outcome
     except BaseException as error:  # its next answer would be to this request
         process.kill()
         _start_server.cache_clear()
@@ -93,13 +103,17 @@ def _start_server(_: int) -> subprocess.Popen[str]:
     code = f"import sys; sys.path[:] = {sys.path!r}; import {__name__} as m; m.serve()"
     pipe = subprocess.PIPE
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", code], stdin=pipe, stdout=pipe,
-        stderr=subprocess.DEVNULL, text=True, start_new_session=True,
+        [sys.executable, "-P", "-c", code],
+        stdin=pipe,
+        stdout=pipe,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
         cwd=BARE_FOLDER,
         # the second one is macOS's: forks of what has loaded its libraries may run on
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1",
-                          "OBJC_DISABLE_INITIALIZE_FORK_SAFETY": "YES"},
-    )  # fmt: skip
+        env=os.environ
+        | {"OPENBLAS_NUM_THREADS": "1", "OBJC_DISABLE_INITIALIZE_FORK_SAFETY": "YES"},
+    )
     atexit.register(_stop_server, process, os.getpid())
     return process
 
@@ -115,29 +129,31 @@ def serve() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what libraries print is no answer
     for line in sys.stdin:
-        outcome = _read_in_child(json.loads(line))
+        outcome = _read_in_child(_Request(*json.loads(line)))
         print(json.dumps(outcome), file=answers, flush=True)
 
 
-def _read_in_child(request: dict[str, Any]) -> int | str:
+def _read_in_child(request: _Request) -> int | str:
     """The end of a child that reads: an exit code, or a signal's name."""
-    module, _, function = request["reader"].partition(":")
-    import_module(request["library"])
+    module, _, function = request.reader.partition(":")
+    import_module(request.library)
     read = getattr(import_module(module), function)
     child = os.fork()
     if child == 0:
-        _read_and_exit(read, request["path"], request["seconds"], request["memory"])
+        _read_and_exit(read, request)
     status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     return status if status >= 0 else signal.Signals(-status).name
 
 
-def _read_and_exit(read: Any, path: str, seconds: float, memory: int) -> None:
-    """What a child does: read in so much time [s] and more memory [B], and end."""
+def _read_and_exit(read: Callable[[str], object], request: _Request) -> None:
+    """What a child does: read within the limits, and end."""
     code = 1  # of a library that ends the process by itself
     try:
-        signal.setitimer(signal.ITIMER_REAL, seconds)  # its signal ends the process
-        limit_memory(memory)
-        read(path)
+        signal.setitimer(
+            signal.ITIMER_REAL, request.seconds
+        )  # its signal ends the process
+        limit_memory(request.memory)
+        read(request.path)
         code = 0
     except MemoryError:
         code = _OUT_OF_MEMORY

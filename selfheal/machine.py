@@ -30,8 +30,8 @@ def list_cores() -> tuple[int, ...]:
 
 def count_cores() -> int:
     """The number of cores this process may run on; NPROC can say fewer, as to XLA."""
-    free, told = len(list_cores()), os.environ.get("NPROC", "")
-    return min(free, max(int(told), 1)) if told.isdecimal() else free
+    free, limit = len(list_cores()), os.environ.get("NPROC", "")
+    return min(free, max(int(limit), 1)) if limit.isdecimal() else free
 
 
 def pin_to_core(core: int) -> None:

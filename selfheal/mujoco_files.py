@@ -49,7 +49,7 @@ def refuse_xacro(path: str | os.PathLike[str]) -> None:
 
 
 def explain_mesh(reason: str) -> str:
-    """What would mend a mesh for which MuJoCo refuses a model; "" of other reasons."""
+    """How to correct a mesh for which MuJoCo refuses a model; "" of other reasons."""
     if "package:/" in reason:
         return (
             ", which contact or inertia needs; would fit: the package's folder "
@@ -146,11 +146,7 @@ def _parse(
 
 
 def _find_in_package(name: str, home: Path) -> Path | None:
-    """File of a ROS package, in which the model may lie or which lies near it.
-
-    Args:
-        name: of the package, and the path in it.
-    """
+    """File "PACKAGE/PATH" of a ROS package that holds the model or lies near it."""
     _, _, inner = name.partition("/")
     for folder in (home, *home.parents):
         for place in (folder / name, folder / inner):

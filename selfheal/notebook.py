@@ -14,11 +14,7 @@ Columns = Mapping[str, Sequence[Any]]  # of a table, all as long
 
 
 def format_columns(title: str, columns: Columns) -> str:
-    """A table below its title, as HTML of which nothing is markup of a name.
-
-    Args:
-        columns: values by the columns' names; a number is shown by three digits.
-    """
+    """A table below its title, as HTML; names are escaped, numbers of three digits."""
     head = "".join(f"<th>{_escape(name)}</th>" for name in columns)
     rows = "".join(
         f"<tr>{''.join(f'<td>{_escape(cell)}</td>' for cell in row)}</tr>"

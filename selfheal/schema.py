@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
@@ -19,6 +19,9 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError
 from .documents import explain_misfit, load_json
 from .errors import RunFileError
 from .files import MAX_VALUES, count_values, open_run, walk_hdf5
+
+if TYPE_CHECKING:
+    import h5py
 
 _LARGEST_NUMBER = 1e18  # also of an array; chosen: squares of its sums are finite
 ROUNDING = 1e-6  # by which a sum of probabilities may be above 1
@@ -60,11 +63,13 @@ class ArraySchema:
     has_gaps: bool = False
     is_tree: bool = False
 
-    def find_misfit(self, found: Any, sizes: dict[str, int]) -> str:
-        """What of an array, or of an HDF5 dataset's header, does not fit; "" if all.
+    def find_misfit(
+        self, found: "np.ndarray | h5py.Dataset", sizes: dict[str, int]
+    ) -> str:
+        """What of an array, or of a dataset's header, does not fit; "" if all does.
 
         Args:
-            found: has a dtype and a shape.
+            found: (...) in any unit.
             sizes: length by name; names that stand here first are added.
         """
         kinds, widest = {"byte": ("u", 1), "int": ("iu", 8), "float": ("fiu", 8)}[
@@ -143,7 +148,7 @@ class Members:
         place: name of the group in the file, with a slash; "" for the file itself.
     """
 
-    group: Any
+    group: "h5py.Group"
     title: str
     sizes: dict[str, int] = field(default_factory=dict)
     place: str = ""
@@ -265,12 +270,12 @@ class Members:
         if wrong:
             raise self.make_error(member, wrong, kind.describe(self.sizes))
 
-    def _find_member(self, name: str, fits: str) -> Any:
+    def _find_member(self, name: str, fits: str) -> "h5py.HLObject":
         if name not in self.group:
             raise self.make_error(name, "missing", fits)
         return self.group[name]
 
-    def _read_array(self, name: str, kind: ArraySchema, found: Any) -> Any:
+    def _read_array(self, name: str, kind: ArraySchema, found: "h5py.Dataset") -> Any:
         """An array, or a number where the kind has no axes."""
         wrong = kind.find_misfit(found, self.sizes)
         values = np.zeros(0) if wrong else np.asarray(found[()])
@@ -285,15 +290,7 @@ class Members:
 def open_members(
     path: str | os.PathLike[str], what: str, *, form: str, version: int
 ) -> Iterator[Members]:
-    """Open a file as `files.open_run` does, for checked reading.
-
-    Args:
-        what: such a file in words, "run file" say.
-        form: its attribute `format`.
-        version: its attribute `version`.
-
-    Yields:
-        Its members.
+    """The members of a file, opened as `files.open_run` does, for checked reading.
 
     Raises:
         RunFileError: it cannot be read, keeps data elsewhere, declares more values
@@ -330,6 +327,6 @@ def _make_adapter(kind: Any) -> TypeAdapter:
     return TypeAdapter(kind)
 
 
-def _describe_header(found: Any) -> str:
+def _describe_header(found: "h5py.Dataset | h5py.h5a.AttrID") -> str:
     """Type and shape of a dataset or an attribute, in words."""
     return f"of type {found.dtype} and shape {found.shape}"

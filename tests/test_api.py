@@ -59,15 +59,10 @@ def home(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def memory(tmp_path_factory):
-    """The folder of the checkpoints of this robot's diagnoses."""
-    return tmp_path_factory.mktemp("memory")
-
-
-@pytest.fixture(scope="module")
-def found(few, home, memory):
+def found(few, home):
+    """The diagnosis of this robot; its checkpoints stay beside the folder."""
     files = home / "model.xml", home / "recording.h5"
-    return selfheal.diagnose(*files, memory=memory)
+    return selfheal.diagnose(*files, memory=home.with_name("memory"))
 
 
 def test_what_is_missing_is_found(found):
@@ -139,7 +134,7 @@ def test_a_model_that_was_changed_since_is_not_saved(found, home, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["quickstart.md", "../README.md"])
 def test_the_examples_of_the_pages_run(
-    page, found, home, memory, tmp_path, monkeypatch, capsys
+    page, found, home, tmp_path, monkeypatch, capsys
 ):
     """Each example resumes the finished diagnosis of the same robot."""
     for name in ("model.xml", "robot.xml", "recording.h5"):
@@ -148,7 +143,7 @@ def test_the_examples_of_the_pages_run(
     diagnose = module.diagnose
 
     def remembering(*args, **more):
-        return diagnose(*args, **more | {"memory": memory})
+        return diagnose(*args, **more | {"memory": home.with_name("memory")})
 
     monkeypatch.setattr(module, "diagnose", remembering)
     blocks = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), flags=re.S)
@@ -208,7 +203,7 @@ def test_a_recording_made_in_python_is_checked(asked, home):
     bad = replace(recording, episodes={"000": replace(first, time=-first.time)})
     with pytest.raises(RecordingError, match="strictly increase"):
         selfheal.diagnose(home / "model.xml", bad)
-    with pytest.raises(InputError, match="given twice.*`file` of its own"):
+    with pytest.raises(InputError, match=r"given twice.*`file` of its own"):
         selfheal.diagnose(home / "model.xml", [recording, recording])
     assert asked == []
 

@@ -81,8 +81,11 @@ def test_a_run_with_a_member_replaced_is_refused_or_gone_on_from(kind, read, req
 
 MISFITS: list[tuple[str, object, str]] = [
     ("@result", "null", "attribute result is None; would fit: an object"),
-    ("@settings", '{"robot": "toy", "cycles": 2.5}',
-     r"settings\.cycles is 2\.5; would fit: a valid integer"),
+    (
+        "@settings",
+        '{"robot": "toy", "cycles": 2.5}',
+        r"settings\.cycles is 2\.5; would fit: a valid integer",
+    ),
     ("@counts", "{}", "counts is without choice, failed, statics"),
     ("actions", np.zeros((6, 3)), r"actions is of shape \(6, 3\); .*\(A.*, P = 4\)"),
     ("cycles/000/felt", np.full(3, 1e300), r"felt is 1e\+300 somewhere"),
@@ -94,58 +97,65 @@ MISFITS: list[tuple[str, object, str]] = [
     ("state/random", "{}", "random is no state of a random generator"),
     ("state/hardness", h5py.SoftLink("/actions"), "hardness is a link to elsewhere"),
     ("state/hardness", h5py.ExternalLink("x.h5", "/x"), "is a link to elsewhere"),
-]  # fmt: skip
+]
+
+
+@pytest.fixture
+def run_file(identified, tmp_path) -> Path:
+    """A copy of that run, to damage."""
+    (tmp_path / "run.h5").write_bytes(identified.read_bytes())
+    return tmp_path / "run.h5"
 
 
 @pytest.mark.parametrize("member, value, said", MISFITS)
-def test_the_error_says_what_would_fit(member, value, said, identified, tmp_path):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    replace_member(path, member, value)
-    with pytest.raises(RunFileError, match=f"run.h5: a damaged run file: .*{said}"):
-        load_run(path)
+def test_the_error_says_what_would_fit(member, value, said, run_file):
+    replace_member(run_file, member, value)
+    with pytest.raises(RunFileError, match=rf"run.h5: a damaged run file: .*{said}"):
+        load_run(run_file)
 
 
 @pytest.mark.parametrize(
     "column, parent, said",
     [(0, 1, "hangs on itself"), (3, 5, "is 5 somewhere"), (2, -1, "is -1 somewhere")],
 )
-def test_a_part_hangs_on_the_torso_in_the_end(
-    column, parent, said, identified, tmp_path
-):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    with h5py.File(path, "r+") as file:
+def test_a_part_hangs_on_the_torso_in_the_end(column, parent, said, run_file):
+    with h5py.File(run_file, "r+") as file:
         file["cycles/000/genomes/parent"][0, column] = parent
     with pytest.raises(RunFileError, match=said):
-        load_run(path)
+        load_run(run_file)
 
 
-def test_a_size_is_refused_before_any_of_it_is_read(identified, tmp_path):
-    path = tmp_path / "run.h5"
-    path.write_bytes(identified.read_bytes())
-    with h5py.File(path, "r+") as file:
+def test_a_size_is_refused_before_any_of_it_is_read(run_file):
+    with h5py.File(run_file, "r+") as file:
         del file["cycles/000/tables"]
         file.create_dataset("cycles/000/tables", (2**36, 6, 3), "f8")
     with pytest.raises(RunFileError, match="at most 200,000,000 values in the file"):
-        load_run(path)
+        load_run(run_file)
 
 
 def test_a_run_whose_sensors_gave_nothing_is_shown(identified):
     run = load_run(identified)
     cycle, nan = run.cycles[0], np.nan
-    gaps = {k: np.full_like(getattr(cycle, k), nan)
-            for k in ("felt", "tables", "losses", "sureness")}  # fmt: skip
+    gaps = {
+        k: np.full_like(getattr(cycle, k), nan)
+        for k in ("felt", "tables", "losses", "sureness")
+    }
     cycle = replace(cycle, **gaps, tilt_error=nan, disagreement=nan)
     with draw_nothing():
         page = make_identify_page(replace(run, cycles=(cycle,)))
     assert "Inferred body" in page
 
 
-@pytest.mark.parametrize("damage", [
-    {"kind": "gremlins"}, {"target": "body:nose"}, {"target": "world"},
-    {"value": float("inf")}, {"value": None},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"kind": "gremlins"},
+        {"target": "body:nose"},
+        {"target": "world"},
+        {"value": float("inf")},
+        {"value": None},
+    ],
+)
 def test_a_recovery_is_of_damages_that_its_robot_can_have(damage, recovered, tmp_path):
     path = tmp_path / "recover.h5"
     path.write_bytes(recovered.read_bytes())

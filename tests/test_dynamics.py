@@ -124,8 +124,11 @@ def test_moves_that_cannot_be_made_are_refused_before_anything(
 def test_a_robot_that_only_takes_poses_is_refused(tmp_path):
     robot = open_robot("starfish", seed=5)
     posing = SimpleNamespace(
-        name="posing", anatomy=robot.anatomy, actions=robot.actions, truth=None,
+        name="posing",
+        anatomy=robot.anatomy,
+        actions=robot.actions,
+        truth=None,
         act=robot.act,
-    )  # fmt: skip
+    )
     with pytest.raises(InputError, match=r"'posing' takes poses.*follow\(\)"):
         selfheal.identify(posing, **SMALL, moves=1, out=tmp_path / "none")

@@ -20,11 +20,11 @@ def test_the_line_names_every_library_of_an_extra(extra):
 
 
 def test_the_distribution_has_a_name_of_its_own():
-    assert DISTRIBUTION == PROJECT["name"]
+    assert PROJECT["name"] == DISTRIBUTION
 
 
 def test_what_is_missing_is_said_with_the_line():
-    with pytest.raises(InputError, match="^this needs more libraries: pip install 'd"):
+    with pytest.raises(InputError, match=r"^this needs more libraries: pip install 'd"):
         import_extra("no_such_module", "cluster", "this")
 
 

@@ -73,7 +73,7 @@ MODELS = {
     "flexcomp": '<worldbody><flexcomp name="f" type="grid" dim="3" spacing="1 1 1" '
     'count="1000 1000 1000"/></worldbody>',
     "pipe": '<include file="pipe.xml"/>',
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -49,7 +49,7 @@ def test_a_nan_is_one_message_and_leaves_nothing(
 def test_a_nan_that_mujoco_refuses_is_named_in_its_words(loud, tmp_path, capfd):
     path = tmp_path / "m.xml"
     path.write_text(HINGE.replace('size="1"', 'name="ball" size="nan"'))
-    with pytest.raises(ModelError, match="nan size in geom .*'ball'.* line 2"):
+    with pytest.raises(ModelError, match=r"nan size in geom .*'ball'.* line 2"):
         load_model(path)
     assert capfd.readouterr() == ("", "") and os.listdir(tmp_path) == ["m.xml"]
 
@@ -60,15 +60,15 @@ def test_a_path_may_have_any_bytes(tmp_path):
     (folder / "m.xml").write_text(HINGE)
     shutil.copy(folder / "m.xml", folder / "m.mjcf")
     assert load_model(folder / "m.xml").njnt == load_model(folder / "m.mjcf").njnt == 1
-    with pytest.raises(ModelError, match="cannot load it: .*none.xml"):
+    with pytest.raises(ModelError, match=r"cannot load it: .*none.xml"):
         load_model(folder / "none.xml")
 
 
-def test_a_mesh_that_is_missed_is_told_with_what_mends_it(tmp_path):
+def test_a_mesh_that_is_missed_is_told_with_what_would_fit(tmp_path):
     mesh = '<asset><mesh name="a" file="a.stl"/></asset><worldbody>'
     text = HINGE.replace("<worldbody>", mesh, 1).replace("<geom", '<geom mesh="a"', 1)
     (tmp_path / "m.xml").write_text(text.replace('mesh="a"', 'type="mesh" mesh="a"', 1))
-    with pytest.raises(ModelError, match="a.stl.*would fit: that mesh as .stl"):
+    with pytest.raises(ModelError, match=r"a.stl.*would fit: that mesh as .stl"):
         load_model(tmp_path / "m.xml")
 
 

@@ -19,9 +19,12 @@ def results(recording):
         "recording": recording,
         "diagnosis": make_diagnosis(findings=(FINDING, DELAY)),
         "run": make_run(),
-        "heal": HealRun(HealSettings("run.h5", (), 9.0), {"gait": {"seconds": 1.0}},
-                        {"distance": {"intact": 1.25}}),
-    }  # fmt: skip
+        "heal": HealRun(
+            HealSettings("run.h5", (), 9.0),
+            {"gait": {"seconds": 1.0}},
+            {"distance": {"intact": 1.25}},
+        ),
+    }
 
 
 WORDS = {
@@ -67,9 +70,11 @@ def test_a_recording_becomes_a_data_frame_and_back(recording):
     frame = recording.to_dataframe()
     one = frame[frame["episode"] == "zeta"]
     again = selfheal.Recording.from_dataframe(
-        one, "time", {"motor": "ctrl/motor"},
+        one,
+        "time",
+        {"motor": "ctrl/motor"},
         {"joint_position": {"arm": "signals/arm_position"}},
-    )  # fmt: skip
+    )
     (episode,) = again.episodes.values()
     expected = recording.episodes["zeta"].signals["arm_position"].values
     (signal,) = episode.signals.values()

@@ -83,7 +83,7 @@ def test_a_long_list_of_names_says_how_many_more():
     "make",
     [
         lambda name: InputError(f"{name}: there is no such file"),
-        lambda name: RecordingError(name),
+        RecordingError,
         lambda name: UnknownNameError("effect", name, [name, "b"]),
         lambda name: UnknownNameError("effect", "a", [f"{name}{k}" for k in range(99)]),
     ],
