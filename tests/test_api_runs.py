@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -90,6 +91,10 @@ def test_recover_takes_a_scenario(short, tmp_path):
         (lambda: selfheal.recover("quadruped"), InputError, "a scenario"),
         (lambda: selfheal.recover("tripod", 1), UnknownNameError, "hexapod"),
         (lambda: selfheal.recover("quadruped", 1, gap=2.0), InputError, "gap"),
+        *(
+            (partial(call, "x", "y", sed=1), UnknownNameError, "'sed'; valid: .*seed")
+            for call in (selfheal.diagnose, selfheal.heal, selfheal.recover)
+        ),
     ],
 )
 def test_what_makes_no_sense_is_refused(call, error, said):

@@ -11,6 +11,7 @@ from ..errors import InputError, check_seed
 from ..files import check_file
 from ..printable import join_names
 from ..recording import Recording, open_recording, strip_file
+from .run_files import check_options
 
 if TYPE_CHECKING:
     from ..diagnosis.output.result import Diagnosis
@@ -75,14 +76,13 @@ def diagnose(
     from ..diagnosis.diagnose import diagnose as find
     from ..report.diagnose import make_diagnosis_page
 
+    check_options(options, DiagnoseOptions.__optional_keys__)
     begun = time.monotonic()
     seed, minutes = options.get("seed", 0), options.get("minutes", 30.0)
     check_seed(seed)
     check_file(model)
-    is_over, held_out = (
-        _make_clock(minutes, stop),
-        _to_list(options.get("held_out", ())),
-    )
+    is_over = _make_clock(minutes, stop)
+    held_out = _to_list(options.get("held_out", ()))
     read, names = _read_all(_to_list(recordings), held_out, os.fspath(model))
     say = _limit_shares(progress or (lambda what, share: None), begun, minutes)
     noted = _check_logs(model, read, options.get("no_check", ()))

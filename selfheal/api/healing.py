@@ -13,6 +13,7 @@ from .run_files import (
     PathLike,
     RunOptions,
     begin_run_file,
+    check_options,
     follow_phases,
     take_place,
 )
@@ -80,6 +81,7 @@ def heal(
     from ..robot.open_robot import name_robot
 
     callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
+    check_options(options, _AllOptions.__optional_keys__)
     out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack, cast
 
 from ..errors import InputError
 from .dynamics import DYNAMICS, HELD, MOVES, check_moves, identify_dynamics
-from .run_files import REPORT, PathLike, RunOptions, begin_run_file, take_place
+from .run_files import (
+    REPORT,
+    PathLike,
+    RunOptions,
+    begin_run_file,
+    check_options,
+    take_place,
+)
 
 if TYPE_CHECKING:
     from ..robot.base import Robot
@@ -91,6 +98,7 @@ def identify(
 
     stage = on_stage or (lambda what, share: None)
     callbacks = progress or (lambda count: None), on_step or (lambda run: None), stage
+    check_options(options, _AllOptions.__optional_keys__)
     out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):

@@ -5,7 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, Unpack, cast
 
 from ..errors import InputError, UnknownNameError, check_seed
-from .run_files import REPORT, RunOptions, begin_run_file, follow_phases, take_place
+from .run_files import (
+    REPORT,
+    RunOptions,
+    begin_run_file,
+    check_options,
+    follow_phases,
+    take_place,
+)
 
 if TYPE_CHECKING:
     from ..recovery.recover_run import RecoverRun, RecoverSettings
@@ -71,6 +78,7 @@ def recover(
     from ..recovery.recover_run import RecoverRun
 
     callbacks = progress or (lambda *what: None), on_step or (lambda run: None)
+    check_options(options, _AllOptions.__optional_keys__)
     out, resume, force = take_place(options)
     if resume is not None:
         with lock_file(resume):

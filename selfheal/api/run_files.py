@@ -1,12 +1,12 @@
 """Files of the runs that Python users start: a folder in; a locked run file out."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict, TypeVar
 
-from ..errors import InputError
+from ..errors import InputError, UnknownNameError
 from ..files import check_writable_folder, lock_file
 
 if TYPE_CHECKING:
@@ -32,6 +32,13 @@ class RunOptions(TypedDict, total=False):
     out: Folder | None
     resume: PathLike | None
     force: bool
+
+
+def check_options(options: Iterable[str], known: Collection[str]) -> None:
+    """Refuse names of options that are not known."""
+    for name in options:
+        if name not in known:
+            raise UnknownNameError("option", name, known)
 
 
 def take_place(options: RunOptions) -> tuple[Folder | None, PathLike | None, bool]:
