@@ -215,6 +215,14 @@ def _print_study(results: "Results", tables: "Sequence[Table]") -> None:
         print_paragraph(f"{task.key}: {last}")
 
 
+def _add_command(name: str, about: str) -> None:
+    """One study as a command."""
+    folder = "FLEET " if name == "diagnose" else ""
+    example = f"selfheal study {name} {folder}--workers 2"
+    end = make_epilog(example, "how-study-works.md")
+    app.command(name, help=about, epilog=end)(_run_study)
+
+
 for _name, _about in {
     "table3": "Actions, successes, errors of six methods, before, after damage.",
     "actions": "Chosen against random actions, by which score; 8 actions.",
@@ -222,9 +230,6 @@ for _name, _about in {
     "eea": "Two legged robots, ten scenarios: recoveries.",
     "diagnose": "Diagnoses of many robots or logs, side by side.",
 }.items():
-    _fleet = "FLEET " if _name == "diagnose" else ""
-    _example = f"selfheal study {_name} {_fleet}--workers 2"
-    _end = make_epilog(_example, "how-study-works.md")
-    app.command(_name, help=_about, epilog=_end)(_run_study)
+    _add_command(_name, _about)
 _example = "selfheal study show runs/study-table3/study.h5"
 app.command("show", epilog=make_epilog(_example, "how-study-works.md"))(show)
