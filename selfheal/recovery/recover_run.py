@@ -75,14 +75,9 @@ class RecoverSettings:
 
 @dataclass(frozen=True)
 class RecoverResult:
-    """What `recover --json` prints, as the schema of a recovery's result.
+    """What `recover --json` prints, as the schema of a recovery's result."""
 
-    Attributes:
-        actions: trials of the broken robot.
-        distance: walked [m]; None where there was none to measure.
-    """
-
-    actions: Count
+    actions: Count  # trials of the broken robot
     distance: Distances
     seconds: Number
 
