@@ -155,16 +155,6 @@ def test_a_simulated_recording_keeps_the_contract_and_fits_the_body(name, tmp_pa
         assert 0 < abs(reached - target) < np.radians(8)
 
 
-def test_a_simulated_recording_can_be_replayed():
-    robot = open_robot("starfish", seed=4)
-    episodes = {}
-    for action in (0, 9):
-        episodes |= robot.act(action).episodes
-    again = replay("starfish", Recording(episodes), robot.anatomy, robot.truth)
-    np.testing.assert_array_equal(again.actions, robot.actions[[0, 9]])
-    assert _equal(again.act(1), robot.act(9))
-
-
 def test_trees_are_numbered_and_their_parts_stay_out_of_the_torso():
     bodies = [open_robot(f"tree:{k}").truth for k in range(6)]
     assert not any(count_centers_in_torso(body)[0] for body in bodies)
