@@ -113,9 +113,8 @@ class Gait:
 
     def commands(self, joints: int, seconds: float = SECONDS) -> Floats:
         """(T, P) [rad], one row every `engine.walk.PERIOD`."""
-        return find_pattern(self.pattern).compute_commands(
-            self.genes[None], joints, seconds
-        )[0]
+        pattern = find_pattern(self.pattern)
+        return pattern.compute_commands(self.genes[None], joints, seconds)[0]
 
     @property
     def cycle(self) -> float:

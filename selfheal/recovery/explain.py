@@ -173,9 +173,8 @@ def _compute_trusted_scale(
         simulate_hypotheses(robot, scaling, broken, weights, rows).sensors
         for scaling in scalings
     )
-    parted = compute_residual_scale(
-        np.concatenate([one] * len(others)), np.concatenate(others)
-    )
+    first = np.concatenate([one] * len(others))
+    parted = compute_residual_scale(first, np.concatenate(others))
     scale = np.fmax(known[:rows], parted)
     lost = scale.mean(axis=1) > _TIE_SHARE * before.std(axis=0).mean()
     return scale[: max(1, int(np.argmax(lost))) if lost.any() else rows]

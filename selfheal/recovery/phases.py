@@ -320,9 +320,8 @@ class HealPhases:
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self.try_gaits(
-            "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
-        )
+        old = read_gait(run.phases["gait"])
+        gait = self.try_gaits("known", LikelyPlants([plant]), old)
         walk = self._walk_damaged(gait, 202)
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 

@@ -162,10 +162,8 @@ def approximate_values(plants: Sequence[Plant], probe: Probe) -> Floats:
     three[:, 1] -= np.degrees(tilt) * np.cos(azimuth)
     jam = np.stack([p.jam for p in plants])
     angles = np.where(np.isnan(jam), targets, jam)
-    speed = np.stack([p.speed for p in plants])
-    early = np.where(
-        np.isnan(jam), np.clip(targets, -speed * _EARLY_TIME, speed * _EARLY_TIME), jam
-    )
+    reach = np.stack([p.speed for p in plants]) * _EARLY_TIME
+    early = np.where(np.isnan(jam), np.clip(targets, -reach, reach), jam)
     rest = np.column_stack([three, np.degrees(angles), touch])
     out = np.column_stack([np.degrees(early), rest])
     sensors = _list_sources(probe, names)
