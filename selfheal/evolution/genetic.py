@@ -101,10 +101,8 @@ def evolve_population(
         best = slice(breeding.kept)
         kept = replace(pool, genomes=pool.genomes[best], scores=pool.scores[best])
         new = breed_children(kept.genomes, rng, breeding)
-        fresh = np.array([g for g in new if g.tobytes() not in known]).reshape(
-            -1, new.shape[1]
-        )
-        fresh = np.unique(fresh, axis=0)
+        unknown = [g.tobytes() not in known for g in new]
+        fresh = np.unique(new[unknown], axis=0)
         if len(fresh):
             keys = (g.tobytes() for g in fresh)
             known |= dict(zip(keys, score(fresh), strict=True))

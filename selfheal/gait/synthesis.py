@@ -25,11 +25,8 @@ _STRENGTH, _SPEED, _DELAYS = (0.8, 1.1), (0.8, 1.1), (0.0, 0.02, 0.04, 0.06)
 _BACKLASH, _ZERO = np.radians(2.0), np.radians(1.0)
 _SIDEWAYS_COST = 0.5  # of the way to the side is taken off; chosen
 # A gait that tilts the torso beyond 15 degrees costs, up to 0.3 m at 60; chosen
-_LEVEL_COSINE, _TIPPED_COSINE, _FALL_COST = (
-    np.cos(np.radians(15.0)),
-    np.cos(np.radians(60.0)),
-    0.3,
-)
+_LEVEL_COSINE, _TIPPED_COSINE = np.cos(np.radians(15.0)), np.cos(np.radians(60.0))
+_FALL_COST = 0.3
 
 
 @dataclass(frozen=True)
@@ -116,9 +113,8 @@ class Gait:
 
     def commands(self, joints: int, seconds: float = SECONDS) -> Floats:
         """(T, P) [rad], one row every `engine.walk.PERIOD`."""
-        return find_pattern(self.pattern).compute_commands(
-            self.genes[None], joints, seconds
-        )[0]
+        pattern = find_pattern(self.pattern)
+        return pattern.compute_commands(self.genes[None], joints, seconds)[0]
 
     @property
     def cycle(self) -> float:

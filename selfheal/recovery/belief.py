@@ -119,9 +119,8 @@ def score_outcomes(candidate: CandidateAction, measured: Floats) -> Floats:
     """
     z = (measured[..., None, None, :] - candidate.predicted) / candidate.scale
     failed = (np.isnan(z) & ~np.isnan(measured[..., None, None, :])).any(axis=-1)
-    fit = np.where(
-        failed, -np.inf, candidate.effective_share * compute_log_t(z).sum(axis=-1)
-    )
+    fit = candidate.effective_share * compute_log_t(z).sum(axis=-1)
+    fit = np.where(failed, -np.inf, fit)
     with np.errstate(divide="ignore"):
         return np.logaddexp.reduce(fit, axis=-1) - np.log(fit.shape[-1])
 

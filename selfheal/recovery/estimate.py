@@ -71,9 +71,8 @@ def make_damage_score(robot: LeggedRobot, trials: Sequence[Trial]) -> Score:
             plants = build_damaged_plants(robot, new)
             error = np.zeros(len(new))
             for trial in trials:
-                drives = simulate_controllers(
-                    plants, np.tile(trial.weights, (len(new), 1))
-                )
+                weights = np.tile(trial.weights, (len(new), 1))
+                drives = simulate_controllers(plants, weights)
                 error += np.abs(drives.displacement - trial.displacement)
             known.update(zip(new, -error, strict=True))
         return np.array([known[h] for h in said])

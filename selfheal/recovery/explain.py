@@ -91,18 +91,15 @@ class _Evidence:
     ) -> Floats:
         """(H) log likelihood and prior [nats], by the first steps of each trial."""
         prior = np.array([-DAMAGE_COST * len(h) for h in hypotheses])
-        fits = [
-            self._compute_log_likelihoods(hypotheses, scaling, steps)
-            for scaling in self.factors
-        ]
+        rows = min(steps // STEPS_PER_SAMPLE, len(self.scale))
+        fits = [self._score_trials(hypotheses, each, rows) for each in self.factors]
         return prior + np.logaddexp.reduce(fits) - np.log(len(fits))
 
-    def _compute_log_likelihoods(
-        self, hypotheses: Sequence[Hypothesis], scaling: Floats, steps: int
+    def _score_trials(
+        self, hypotheses: Sequence[Hypothesis], scaling: Floats, rows: int
     ) -> Floats:
-        """(H) log likelihood with these factors of its physics."""
+        """(H) log likelihood with these factors of its physics, by the first rows."""
         total = np.zeros(len(hypotheses))
-        rows = min(steps // STEPS_PER_SAMPLE, len(self.scale))
         for k, trial in enumerate(self.trials):
             drives = simulate_hypotheses(
                 self.robot, scaling, hypotheses, trial.weights, rows
@@ -176,9 +173,8 @@ def _compute_trusted_scale(
         simulate_hypotheses(robot, scaling, broken, weights, rows).sensors
         for scaling in scalings
     )
-    parted = compute_residual_scale(
-        np.concatenate([one] * len(others)), np.concatenate(others)
-    )
+    first = np.concatenate([one] * len(others))
+    parted = compute_residual_scale(first, np.concatenate(others))
     scale = np.fmax(known[:rows], parted)
     lost = scale.mean(axis=1) > _TIE_SHARE * before.std(axis=0).mean()
     return scale[: max(1, int(np.argmax(lost))) if lost.any() else rows]
@@ -239,7 +235,9 @@ def _grow_hypotheses(
         new = [h for h in dict.fromkeys(grown) if h not in weights]
         if not new:
             return
-        level = _weigh_hypotheses(seen, _screen_hypotheses(seen, new))
+        first = seen.compute_log_weights(new, _SCREEN_STEPS)
+        kept = [new[k] for k in rank_best_first(first)[:_SCREENED]]
+        level = _weigh_hypotheses(seen, kept)
         if not _is_explained(level):
             level |= _refine_values(seen, _keep_diverse(level, width, _VARIANTS))
         beam = _keep_diverse(level, _BEAM, 1)
@@ -251,15 +249,6 @@ def _is_explained(weights: dict[Hypothesis, float]) -> bool:
     """Whether one more damage could not earn its place."""
     best = max(weights, key=lambda h: weights[h])
     return weights[best] > -DAMAGE_COST * (len(best) + 1)
-
-
-def _screen_hypotheses(
-    seen: _Evidence, hypotheses: list[Hypothesis]
-) -> list[Hypothesis]:
-    """Those that explain the first second of the trials best."""
-    weight = seen.compute_log_weights(hypotheses, _SCREEN_STEPS)
-    order = rank_best_first(weight)[:_SCREENED]
-    return [hypotheses[k] for k in order]
 
 
 def _weigh_hypotheses(

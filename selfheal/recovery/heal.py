@@ -94,9 +94,8 @@ def _summarize_run(run: HealRun, robot: str) -> Document:
     p, settings = run.phases, run.settings
     alarm = p["alarm"]["alarm"]
     shown_alarm = alarm and {key: alarm[key] for key in ("time", "sensor", "p_value")}
-    shown = [
-        {k: v for k, v in b.items() if k != "azimuth"} for b in p["verdict"]["believed"]
-    ]
+    believed = p["verdict"]["believed"]
+    shown = [{k: v for k, v in b.items() if k != "azimuth"} for b in believed]
     distance = {
         "intact": p["whole"]["distance"],
         "damaged": p["walked"]["damaged"],

@@ -208,9 +208,8 @@ def list_walks(run: HealRun) -> list[tuple[float, float, float]]:
     walks: list[tuple[float, float, float]] = []
     for k, heal in enumerate(heals):
         start = compute_start(heals[: k + 1])
-        walks.append(
-            (start, LEARNING_TIME, _measure_distance(heal.phases["whole"], heading))
-        )
+        whole = _measure_distance(heal.phases["whole"], heading)
+        walks.append((start, LEARNING_TIME, whole))
         start += LEARNING_TIME
         for each in heal.phases["alarm"]["ways"]:
             walks.append((start, WATCHING_TIME, each))
@@ -234,9 +233,8 @@ def list_first_speeds(run: HealRun) -> list[tuple[float, float]]:
 
 def _measure_distance(walk: Phase, heading: float, rows: int | None = None) -> float:
     """Distance [m] in the first rows; see `gait.synthesis.measure_distance`."""
-    return measure_distance(
-        walk["position"][:rows], walk["orientation"][:rows], heading
-    )
+    path = walk["position"][:rows], walk["orientation"][:rows]
+    return measure_distance(*path, heading)
 
 
 def _share_first(run: HealRun, end: float) -> float:

@@ -250,9 +250,8 @@ def watch_walk(
     middle, width = known.common
     common = np.minimum((-compute_log_t(z).sum(axis=1) - middle) / width, _MOST)
     dead = _score_stillness(_find_still_windows(sensed, known.cycle)[skip:], known)
-    sums = _accumulate_cusum(
-        np.column_stack([each, dead, _SHIFT * common - _SHIFT**2 / 2])
-    )
+    ratios = [each, dead, _SHIFT * common - _SHIFT**2 / 2]
+    sums = _accumulate_cusum(np.column_stack(ratios))
     end = (np.arange(len(gap)) + 1 + skip) * known.cycle / QUARTERS
     limit, step = compute_threshold(known.cycle, channels), known.cycle / QUARTERS
     alarm = _find_alarm(end, sums, limit, channels, step, -compute_log_t(z))

@@ -182,18 +182,16 @@ class HealPhases:
     def _predict_channels(self, gait: Gait, seconds: float) -> Floats:
         """(S, C) channels that the self-model predicts of a gait."""
         commands = gait.commands(self.anatomy.size, seconds)[None]
-        return compute_channels(
-            simulate_walks(self.plants[:1], commands), self.plants[:1]
-        )[0]
+        walks = simulate_walks(self.plants[:1], commands)
+        return compute_channels(walks, self.plants[:1])[0]
 
     def _watch_for_alarm(self, run: HealRun) -> Phase:
         """It walks on, breaks at some time, and notices."""
         gait = read_gait(run.phases["gait"])
         predicted = self._predict_channels(gait, WATCHING_TIME)
         measured = run.phases["whole"]["felt"]
-        known = learn_baseline(
-            measured, predicted[: len(measured)], gait.cycle, self.channels
-        )
+        shown = predicted[: len(measured)]
+        known = learn_baseline(measured, shown, gait.cycle, self.channels)
         distances: list[float] = []
         for shift, robot in enumerate(self.robots.watched):
             share = shift / len(self.robots.watched)
@@ -208,10 +206,8 @@ class HealPhases:
                 break
         before, alarm = self.past.time + shift * WATCHING_TIME, None
         if seen.alarm:
-            late = {
-                k: round(getattr(seen.alarm, k) + before, 3) for k in ("time", "since")
-            }
-            alarm = {**asdict(seen.alarm), **late}
+            alarm = asdict(seen.alarm)
+            alarm |= {k: round(alarm[k] + before, 3) for k in ("time", "since")}
         angles = now[max(0, end - 10) : end, 3 : 3 + self.anatomy.size].mean(axis=0)
         return {
             "alarm": alarm,
@@ -272,11 +268,8 @@ class HealPhases:
         """A new gait for what the robot is now believed to be."""
         old = read_gait(run.phases["gait"])
         believed = run.phases["verdict"]["believed"]
-        likely = [
-            b
-            for b in believed[:_MOST_HYPOTHESES]
-            if b["probability"] >= _LEAST_PROBABILITY
-        ]
+        most = believed[:_MOST_HYPOTHESES]
+        likely = [b for b in most if b["probability"] >= _LEAST_PROBABILITY]
         if likely[0]["kind"] == "none":  # it is what the old gait was made for
             return {"gait": serialize_gait(old), "kept": True}
         plants, weights = [], []
@@ -327,9 +320,8 @@ class HealPhases:
         if truth is None:
             return {"distance": None}
         plant = apply_damages(build_rated_plant(truth), *self.settings.damage)
-        gait = self.try_gaits(
-            "known", LikelyPlants([plant]), read_gait(run.phases["gait"])
-        )
+        old = read_gait(run.phases["gait"])
+        gait = self.try_gaits("known", LikelyPlants([plant]), old)
         walk = self._walk_damaged(gait, 202)
         return {"gait": serialize_gait(gait), "distance": walk["distance"]}
 

@@ -50,21 +50,15 @@ def find_plausible_plants(
     names = list_channels(plant.body.anatomy).names
     plants = [plant, *(randomize_plant(plant, rng) for _ in range(_DRAWN_PLANTS))]
     scale = find_residual_scale(probe, names)
-    whole = extract_values(
-        probe, measured[: round(len(probe.commands) * PERIOD / SAMPLE)], names
-    )
+    rows = round(len(probe.commands) * PERIOD / SAMPLE)
+    whole = extract_values(probe, measured[:rows], names)
     predicted = predict_values(plants, probe, np.zeros(len(scale)))
     failed = np.isnan(predicted).any(axis=1)
-    fit = np.where(
-        failed, -np.inf, compute_log_t((predicted - whole) / scale).sum(axis=1)
-    )
-    best = rank_best_first(fit)[:KEPT]
-    bias = whole - predicted[best]
-    return PlausiblePlants(
-        tuple(plants[k] for k in best),
-        bias,
-        compute_effective_share(predicted[~failed] / scale),
-    )
+    fit = compute_log_t((predicted - whole) / scale).sum(axis=1)
+    best = rank_best_first(np.where(failed, -np.inf, fit))[:KEPT]
+    likely, bias = tuple(plants[k] for k in best), whole - predicted[best]
+    share = compute_effective_share(predicted[~failed] / scale)
+    return PlausiblePlants(likely, bias, share)
 
 
 def compute_effective_share(predicted: Floats) -> float:
@@ -84,10 +78,8 @@ def predict_walk(known: PlausiblePlants, damages: list[Damage], probe: Probe) ->
     Returns:
         (H, K, M) values that count.
     """
-    return np.stack(
-        [
-            predict_values([apply_damages(plant, d) for d in damages], probe, bias)
-            for plant, bias in zip(known.plants, known.bias, strict=True)
-        ],
-        axis=1,
-    )
+    tables = [
+        predict_values([apply_damages(plant, d) for d in damages], probe, bias)
+        for plant, bias in zip(known.plants, known.bias, strict=True)
+    ]
+    return np.stack(tables, axis=1)

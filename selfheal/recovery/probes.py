@@ -34,13 +34,7 @@ EDGE_SLOPE = 2.0  # [deg/deg] a reading that moves more stands on an edge: no sl
 TILT_SCALE = 2.0
 REST_SCALES = {"tilt": TILT_SCALE, "clearance": 4.0, "angle": 1.5, "touch": 0.4}
 _EARLY_SCALE = 2.5
-_WALK_SCALES = {
-    "tilt": 2.0,
-    "clearance": 5.0,
-    "angle": 1.5,
-    "touch": 0.1,
-    "speed": 15.0,
-}
+_WALK_SCALES = REST_SCALES | {"clearance": 5.0, "touch": 0.1, "speed": 15.0}
 DRIFT = 1.5  # [deg] of each joint's zero: servos miss by 1.2 on average (papers.md 1.1)
 
 
@@ -168,10 +162,8 @@ def approximate_values(plants: Sequence[Plant], probe: Probe) -> Floats:
     three[:, 1] -= np.degrees(tilt) * np.cos(azimuth)
     jam = np.stack([p.jam for p in plants])
     angles = np.where(np.isnan(jam), targets, jam)
-    speed = np.stack([p.speed for p in plants])
-    early = np.where(
-        np.isnan(jam), np.clip(targets, -speed * _EARLY_TIME, speed * _EARLY_TIME), jam
-    )
+    reach = np.stack([p.speed for p in plants]) * _EARLY_TIME
+    early = np.where(np.isnan(jam), np.clip(targets, -reach, reach), jam)
     rest = np.column_stack([three, np.degrees(angles), touch])
     out = np.column_stack([np.degrees(early), rest])
     sensors = _list_sources(probe, names)

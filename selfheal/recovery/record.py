@@ -68,11 +68,7 @@ class KeptGait:
 
 @dataclass(frozen=True, kw_only=True)
 class Belief(KeptDamage):
-    """A hypothesis as a phase keeps it.
-
-    Attributes:
-        probability: that it is what happened.
-    """
+    """A hypothesis as a phase keeps it."""
 
     probability: Probability
 
@@ -91,19 +87,12 @@ class KeptAlarm:
 
 @dataclass(frozen=True)
 class Distances:
-    """How far a robot came in its walks [m].
-
-    Attributes:
-        intact: whole.
-        damaged: broken, as it walked before.
-        healed: broken, with what was found for that.
-        best_known: made knowing the damage; None where nobody knows it.
-    """
+    """How far a robot came in its walks [m]."""
 
     intact: Number | None
-    damaged: Number | None
-    healed: Number | None
-    best_known: Number | None
+    damaged: Number | None  # as it walked before
+    healed: Number | None  # broken, with what was found for that
+    best_known: Number | None  # made knowing the damage; None where nobody knows it
 
 
 @dataclass(frozen=True)
@@ -115,23 +104,19 @@ class _HealDistances(Distances):
 
 @dataclass(frozen=True)
 class _Predicted:
+    """Distances of the gaits [m]."""
+
     intact: Number
     healed: Number
 
 
 @dataclass(frozen=True)
 class HealResult:
-    """What `heal --json` prints, as the schema of a heal's result.
-
-    Attributes:
-        alarm: None where none was raised.
-        actions: how many were taken after it.
-        predicted: distances of the gaits [m].
-    """
+    """What `heal --json` prints, as the schema of a heal's result."""
 
     robot: str
-    alarm: KeptAlarm | None
-    actions: Count
+    alarm: KeptAlarm | None  # None where none was raised
+    actions: Count  # taken after it
     distance: _HealDistances
     predicted: _Predicted
     seconds: Number
@@ -141,53 +126,33 @@ class HealResult:
 class HoursEvent:
     """A damage, the alarm after it, or both, as the result of hours has it.
 
-    Attributes:
-        time: of the damage; of an alarm that none came before, its own [s].
-        damage: None where the alarm is a false one.
-        alarm: None where none came before the next damage.
-        delay: from the damage to the alarm [s].
-        believed: what it was taken for.
-        right: whether kind and target are the true ones.
-        actions: taken to find that.
-        before: speed along the heading before the damage [m/min], and
-        damaged: after it,
-        healed: with the gait found for it,
-        first: and with the whole robot's gait.
+    The last four are speeds along the heading [m/min].
     """
 
-    time: Finite
-    damage: KeptDamage | None
-    alarm: KeptAlarm | None
-    delay: Finite | None
+    time: Finite  # of the damage; of an alarm that none came before, its own [s]
+    damage: KeptDamage | None  # None where the alarm is a false one
+    alarm: KeptAlarm | None  # None where none came before the next damage
+    delay: Finite | None  # from the damage to the alarm [s]
     believed: Belief | None
-    right: bool
-    actions: Count
+    right: bool  # whether kind and target are the true ones
+    actions: Count  # taken to find that
     before: Number | None
     damaged: Number | None
-    healed: Number | None
-    first: Number | None
+    healed: Number | None  # with the gait found for it
+    first: Number | None  # with the whole robot's gait
 
 
 @dataclass(frozen=True)
 class HoursResult:
-    """What `heal --hours --json` prints, as the schema of such a result.
-
-    Attributes:
-        hours: that it walked, alarms and all [h].
-        intact: speed when whole [m/min].
-        distance: walked, see `gait.synthesis.measure_distance` [m].
-        kept: share of what a robot that stays whole would have walked [1].
-        kept_first: the same had it kept its first gait, by a walk after each alarm [1].
-        events: in order of time.
-    """
+    """What `heal --hours --json` prints, as the schema of such a result."""
 
     robot: str
-    hours: Number
-    intact: Number
-    distance: Number
-    kept: Number
-    kept_first: Number
-    events: list[HoursEvent]
+    hours: Number  # that it walked, alarms and all [h]
+    intact: Number  # speed when whole [m/min]
+    distance: Number  # walked, see `gait.synthesis.measure_distance` [m]
+    kept: Number  # share of what a robot that stays whole would have walked [1]
+    kept_first: Number  # the same with its first gait, by a walk after each alarm [1]
+    events: list[HoursEvent]  # in order of time
     false_alarms: Count
     seconds: Number
 

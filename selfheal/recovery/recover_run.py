@@ -75,14 +75,9 @@ class RecoverSettings:
 
 @dataclass(frozen=True)
 class RecoverResult:
-    """What `recover --json` prints, as the schema of a recovery's result.
+    """What `recover --json` prints, as the schema of a recovery's result."""
 
-    Attributes:
-        actions: trials of the broken robot.
-        distance: walked [m]; None where there was none to measure.
-    """
-
-    actions: Count
+    actions: Count  # trials of the broken robot
     distance: Distances
     seconds: Number
 
@@ -266,9 +261,8 @@ def summarize_beliefs(phase: Phase) -> dict[str, float]:
     """
     shares: dict[str, float] = {}
     for h, chance in zip(read_hypotheses(phase), phase["probability"], strict=True):
-        shares[describe_damages(h)] = shares.get(describe_damages(h), 0.0) + float(
-            chance
-        )
+        words = describe_damages(h)
+        shares[words] = shares.get(words, 0.0) + float(chance)
     return shares
 
 
@@ -333,10 +327,8 @@ def _list_marginals(run: RecoverRun) -> list[Document]:
         named = [damage.place in [d.place for d in h or (INTACT,)] for h in believed]
         return sum(p for p, one in zip(chance, named, strict=True) if one)
 
-    marginals = [
-        {**d.document, "probability": round(share(d), 4)}
-        for d in believed[0] or (INTACT,)
-    ]
+    best = believed[0] or (INTACT,)
+    marginals = [{**d.document, "probability": round(share(d), 4)} for d in best]
     return sorted(marginals, key=lambda d: -float(d["probability"]))
 
 

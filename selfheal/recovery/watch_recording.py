@@ -18,7 +18,6 @@ from ..recording import Episode, Recording, find_single_columns
 from ..robot.read_channels import read_channels
 from .monitor import (
     QUARTERS,
-    Alarm,
     PoseReadings,
     learn_baseline,
     watch_poses,
@@ -134,21 +133,16 @@ def _watch_episode(
     channels = list_channels(body.anatomy)
     known = learn_baseline(now[:rows], predicted[:rows], period, channels)
     seen = watch_walk(now, predicted, known, channels, after=seconds)
+    alarm = seen.alarm and asdict(seen.alarm)
+    if alarm:
+        alarm |= {key: alarm[key] + begin for key in ("time", "since")}
     return {
         "id": name,
-        "alarm": _format_alarm(seen.alarm, begin),
+        "alarm": alarm,
         "learned": float(seconds),
         "watched": float(grid[-1] - seconds),
         "cycle": float(period),
     }
-
-
-def _format_alarm(alarm: Alarm | None, begin: float = 0.0) -> Document | None:
-    """An alarm as a document, in the time of an episode that began then [s]."""
-    if alarm is None:
-        return None
-    late = {"time": alarm.time + begin, "since": alarm.since + begin}
-    return {**asdict(alarm), **late}
 
 
 def _find_period(commands: Floats) -> float:
@@ -186,7 +180,7 @@ def _watch_rest_episodes(
     at = None if alarm is None else names[round(alarm.time) - 1]
     return {
         "id": f"{names[0]} to {names[-1]}",
-        "alarm": _format_alarm(alarm),
+        "alarm": alarm and asdict(alarm),
         "episode": at,
         "watched": len(names),
     }

@@ -161,9 +161,7 @@ def make_anatomy(described: Description) -> Anatomy:
         length=np.array([kind.length for kind in kinds]),
         radius=np.array([kind.radius for kind in kinds]),
         mass=np.array([kind.mass for kind in kinds]),
-        block_half=np.array(
-            [np.array(b.size) / 2 if b else np.zeros(3) for b in boxes]
-        ),
+        block_half=np.array([b.size if b else (0.0, 0, 0) for b in boxes]) / 2,
         block_center=np.array([b.center if b else 0.0 for b in boxes]),
         block_mass=np.array([b.mass if b else 0.0 for b in boxes]),
         feet=tuple(i + 1 for i, kind in enumerate(kinds) if kind.foot),

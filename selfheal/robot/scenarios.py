@@ -52,7 +52,8 @@ def draw_scenario(number: int, robot: LeggedRobot, seed: int) -> tuple[Damage, .
         7: lambda: (leg, _jam_hip(robot, two, rng)),
         8: lambda: (
             leg,
-            _jam_hip(robot, two, rng),
+            # of two draws the second, so that a seed's damages stay what they were
+            [_jam_hip(robot, two, rng) for _ in range(2)][1],
             _break_angle_sensor(robot, three),
         ),
         9: lambda: (),

@@ -11,9 +11,10 @@ from selfheal.damage.apply import (
     list_gone_targets,
     reduce_damages,
 )
-from selfheal.damage.kinds import Damage
+from selfheal.damage.kinds import KINDS, Damage
 from selfheal.damage.words import list_names, parse_damages
 from selfheal.engine.plant import build_rated_plant, list_motions
+from selfheal.engine.reflex import build_intact_plants
 from selfheal.robot.actions import load_published_body
 from tests.support.short_recover import JAM, LOST, LOWER, QUADRUPED
 
@@ -40,6 +41,25 @@ def test_a_damage_changes_only_what_it_says():
     dead = apply_damages(plant, *parse_damages("dead:vertical", ANATOMY))
     assert dead.gain == {"vertical": 0.0}
     assert {*list_names(ANATOMY)["sensor"]} >= {"vertical", "left_hip_position"}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_a_search_looks_for_changes_the_plants_that_it_simulates(name):
+    kind, whole = KINDS[name], build_rated_plant(BODY)
+    names = list_names(ANATOMY).get(kind.sort, ())
+    for damage in kind.list_damages(names, kind.heal_values.grid[:1]):
+        broken = apply_damages(whole, damage)
+        assert any(
+            getattr(broken, f.name) is not getattr(whole, f.name) for f in fields(whole)
+        )
+    intact = build_intact_plants(QUADRUPED, 1)
+    grid = kind.recover_values.grid[:1]
+    for damage in kind.list_damages(QUADRUPED.targets[kind.sort], grid):
+        legged = build_damaged_plants(QUADRUPED, [(damage,)])
+        assert any(
+            (getattr(legged, f.name) != getattr(intact, f.name)).any()
+            for f in fields(intact)[1:]
+        )
 
 
 def test_damages_of_one_part_add_up_and_never_shrink_it_beyond_a_lost_one():

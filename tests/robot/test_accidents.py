@@ -23,16 +23,10 @@ ANATOMY = BODY.anatomy
 @pytest.mark.parametrize(
     "said",
     [
-        *(
-            "",
-            ",",
-            "right_lower",
-            "right_lower:9",
-            "right_lower:x",
-            "right_lower:.1:.2",
-        ),
-        *("jam:left_hip:nan", "weak:left_hip:.5:.5", "loss:left_upper:3", "slope:"),
-        *("random:x", "random:1,dead:clearance", "loss:left_upper, loss:left_upper"),
+        *("", ",", "slope:", "right_lower", "right_lower:9", "right_lower:x"),
+        *("right_lower:.1:.2", "jam:left_hip:nan", "weak:left_hip:.5:.5"),
+        *("loss:left_upper:3", "loss:left_upper, loss:left_upper"),
+        *("random:x", "random:1,dead:clearance"),
     ],
 )
 def test_what_makes_no_sense_is_refused(said):
@@ -43,11 +37,10 @@ def test_what_makes_no_sense_is_refused(said):
 def test_random_damage_is_of_the_kinds_asked_for_and_repeats():
     assert parse_accident("random:3", ANATOMY) == parse_accident("random:3", ANATOMY)
     for kinds in (BODY_KINDS, WORLD_KINDS):
-        drawn = {
-            draw_damage(ANATOMY, np.random.default_rng(k), kinds).kind
-            for k in range(60)
-        }
-        assert drawn == set(kinds)
+        drawn = [
+            draw_damage(ANATOMY, np.random.default_rng(k), kinds) for k in range(60)
+        ]
+        assert {damage.kind for damage in drawn} == set(kinds)
 
 
 def _draw(seed, seconds=3600.0, rest=70.0):

@@ -51,7 +51,9 @@ def selfheal(before: str, moment: str, *words: object) -> subprocess.CompletedPr
     code = f"import sys\nfrom tests.support import killed_process\n{before}\n"
     code += "killed_process.main(sys.argv[1], sys.argv[2:])"
     command = [sys.executable, "-c", code, moment, *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    return subprocess.run(
+        command, capture_output=True, text=True, cwd=ROOT, check=False
+    )
 
 
 def read_run(path: Path, kind: type[phased_run.PhasedRun]) -> str:
