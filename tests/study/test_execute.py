@@ -267,7 +267,8 @@ def test_a_slurm_job_that_is_cancelled_is_replaced(calm, tmp_path, slurm):
     words = "study", "toy", "--runs", 16, "--cluster", "slurm", "--workers", 2
     ended = selfheal(
         *words,
-        *("--out", tmp_path),
+        "--out",
+        tmp_path,
         TOY_KILL=str(marks),
         SLURM_CONF=str(slurm),
         PYTHONPATH=str(ROOT),

@@ -29,7 +29,10 @@ FINDING = {
     "separate_by": "ramp knee slower than 0.05 rad/s for 20 s",
     "parameters": [
         {
-            **{"name": "frictionloss", "value": 0.14, "low": 0.12, "high": 0.16},
+            "name": "frictionloss",
+            "value": 0.14,
+            "low": 0.12,
+            "high": 0.16,
             "unit": "N m",
         }
     ],
@@ -39,7 +42,9 @@ FINDING = {
         "windows": [{"episode": "003", "start": 1.2, "end": 1.9}],
     },
     "evidence": {
-        **{"heldout_nll_gain": 1.8, "p_value": 0.001, "stability": 0.97},
+        "heldout_nll_gain": 1.8,
+        "p_value": 0.001,
+        "stability": 0.97,
         "heldout_error_growth": 4.56,
     },
     "native": True,
@@ -85,14 +90,19 @@ DIFF = """--- model.xml
 
 
 STOPPED = {
-    **{"while": "trying hard_stop at joint:hip", "tried": 3, "of": 41},
+    "while": "trying hard_stop at joint:hip",
+    "tried": 3,
+    "of": 41,
     "not_tried": ["cogging"],
 }
 POSITION = {"kind": "joint_position", "unit": "rad", "given": 0.0333, "refit": 0.0201}
 VELOCITY = {"kind": "joint_velocity", "unit": "rad/s", "given": 2.0, "refit": 1.0}
 FIT = {
     "held_out": ["a.h5:004", "a.h5:005"],
-    **{"given": 0.21, "refit": 0.12, "patched": 0.03, "floor": 0.025},
+    "given": 0.21,
+    "refit": 0.12,
+    "patched": 0.03,
+    "floor": 0.025,
     "explainable_removed": 0.947,
     "errors": [
         {**POSITION, "patched": 0.0054, "floor": 0.0018},
