@@ -6,7 +6,7 @@ from math import degrees, floor, isfinite, log10
 from ..diagnosis.data.robot_summary import POSITION_LIKE
 from ..diagnosis.output.result import SignalFit
 from ..diagnosis.output.schema import FitScores, KindErrors, Scores
-from .facts import format_percent
+from .facts import DASH, format_percent
 from .page import Html, join_markup, make_table, mark_text
 from .tables import format_short, parse_number
 
@@ -18,7 +18,6 @@ READ_AS = {
     "m": ("mm", 1e3),
     "m/s": ("mm/s", 1e3),
 }
-_DASH = "\N{EN DASH}"
 
 
 def format_error(value: object, unit: str) -> str:
@@ -30,7 +29,7 @@ def format_error(value: object, unit: str) -> str:
     read_as, size = READ_AS.get(unit, (unit, 1.0))
     error = size * parse_number(value)
     if not isfinite(error):
-        return _DASH
+        return DASH
     written = (
         f"{error:.{max(0, 1 - floor(log10(error)))}f}"
         if 1e-4 <= error < 1e6
@@ -97,7 +96,7 @@ def format_horizons(fit: FitScores) -> Html:
     for horizon in fit["horizons"]:
         errors = [format_short(horizon.get(key)) for key in MODELS]
         removed = parse_number(horizon.get("explainable_removed"))
-        share = format_percent(removed) if isfinite(removed) else _DASH
+        share = format_percent(removed) if isfinite(removed) else DASH
         rows.append([name_replay(horizon), *errors, share])
     return make_table(head, rows, "lrrrrr")
 
@@ -139,7 +138,7 @@ def _format_signal_error(error: tuple[float, float, float], signal: SignalFit) -
     """An error, also in the signal's unit, above its interval."""
     value, low, high = error
     known = isfinite(low) and isfinite(high)
-    between = f"{format_short(low)} to {format_short(high)}" if known else _DASH
+    between = f"{format_short(low)} to {format_short(high)}" if known else DASH
     physical = _format_physical(value, signal)
     soft = mark_text(between, "soft")
     return join_markup(format_short(value), physical, Html("<br>"), soft)

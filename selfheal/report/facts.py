@@ -15,6 +15,7 @@ from ..body.genome import HINGE_NAMES, Genomes, build_bodies
 from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 
+DASH = "\N{EN DASH}"  # where there is no number
 SIDES = ("left", "front", "right", "back")
 # Rivals are called equal within the step in which tilts were read, 0.1 degrees an
 # action (papers.md 1.1), and near within five steps; both chosen.
@@ -49,14 +50,12 @@ def format_thousands(count: float) -> str:
 def format_number(value: float, digits: int = 2) -> str:
     """A number, or a dash where there is none."""
     whole = round(value, digits) + 0.0  # no -0.0
-    return f"{whole:.{digits}f}" if np.isfinite(value) else "\N{EN DASH}"
+    return f"{whole:.{digits}f}" if np.isfinite(value) else DASH
 
 
 def format_percent(value: float) -> str:
     """A probability, or a dash where there is none."""
-    return (
-        f"{100 * value:.0f}\N{NO-BREAK SPACE}%" if np.isfinite(value) else "\N{EN DASH}"
-    )
+    return f"{100 * value:.0f}\N{NO-BREAK SPACE}%" if np.isfinite(value) else DASH
 
 
 def name_action(run: Run, action: int) -> str:
@@ -80,17 +79,15 @@ def list_errors(run: Run, bodies: Bodies) -> list[tuple[str, str]]:
     if run.truth is None:
         return []
     best, truth = bodies[:1], run.truth
+    measures = {
+        "mean distance of part centers": measure_center_distance,
+        "mean distance of part tips": measure_tip_distance,
+        "mean error of lengths": measure_length_error,
+    }
+    edges = f"{compute_edge_f1(best, truth)[0]:.3f}"
     return [
-        ("attachments correct (edge F1)", f"{compute_edge_f1(best, truth)[0]:.3f}"),
-        (
-            "mean distance of part centers",
-            f"{measure_center_distance(best, truth)[0]:.2f} cm",
-        ),
-        (
-            "mean distance of part tips",
-            f"{measure_tip_distance(best, truth)[0]:.2f} cm",
-        ),
-        ("mean error of lengths", f"{measure_length_error(best, truth)[0]:.2f} cm"),
+        ("attachments correct (edge F1)", edges),
+        *((name, f"{find(best, truth)[0]:.2f} cm") for name, find in measures.items()),
     ]
 
 

@@ -30,8 +30,16 @@ from .render import make_film
 
 _MOST_LANES = 8  # of the film, each about 0.15 MB and 2 s; chosen
 EVENT_HEAD = (
-    *("struck", "what happened", "alarm", "after", "believed"),
-    *("before", "damaged", "healed", "kept", "first gait"),
+    "struck",
+    "what happened",
+    "alarm",
+    "after",
+    "believed",
+    "before",
+    "damaged",
+    "healed",
+    "kept",
+    "first gait",
 )
 
 

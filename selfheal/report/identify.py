@@ -9,6 +9,7 @@ from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 from . import figures, tables
 from .facts import (
+    DASH,
     EQUAL,
     NEAR,
     find_right_edges,
@@ -213,4 +214,4 @@ def _format_setting(value: object) -> str:
         return "yes" if value else "no"
     if isinstance(value, int):
         return f"{value:,}"
-    return str(value) or "\N{EN DASH}"
+    return str(value) or DASH

@@ -84,10 +84,12 @@ def make_canvas(wide: float, high: float) -> tuple["Figure", "Axes"]:
 def make_plot(
     height: float, box: tuple[float, float, float, float], x: str, y: str
 ) -> tuple["Figure", "Axes"]:
-    """A figure [in] with axes in a box (left, bottom, width, height), of its size.
+    """A figure of a height [in], and axes with labels.
 
     Args:
-        x, y: labels of the axes.
+        box: of the axes: left, bottom, width and height, of the figure's size.
+        x: label of the horizontal axis.
+        y: label of the vertical one.
     """
     from matplotlib.figure import Figure
 

@@ -230,20 +230,33 @@ def _embed_picture(
         '<svg role="img" aria-label="{}" viewBox="0 0 {} {:.0f}"><image width="{}" '
         'height="{}" href="data:image/webp;base64,{}"/>{}</svg>'
     ).format(
-        *(caption, 2 * _WIDTH, height, _WIDTH, shown.shape[0]),
-        *(Html(still), join_markup(*lines)),
+        caption,
+        2 * _WIDTH,
+        height,
+        _WIDTH,
+        shown.shape[0],
+        Html(still),
+        join_markup(*lines),
     )
     return make_figure(picture, caption=caption)
 
 
-def _draw_mark(colored: tuple[Mark, str], end: Floats, y: float) -> Html:
+def _draw_mark(colored: tuple[Mark, str], place: Floats, y: float) -> Html:
     """A mark's name at a height beside the picture, and a line to its place (2)."""
-    (mark, color), size = colored, 0.7 * _LINE * _WIDTH
+    (mark, color), (x, end), size = colored, place, 0.7 * _LINE * _WIDTH
     return Html(
-        '<path d="M{:.1f} {:.1f}L{:.1f} {:.1f}" stroke="{}" stroke-width="1.5" '
-        'fill="none"/><circle cx="{:.1f}" cy="{:.1f}" r="4" fill="{}"/><text x="{}" '
-        'y="{:.1f}" font-size="{:.1f}" fill="var(--ink)">{}</text>'
+        '<path d="M{x:.1f} {end:.1f}L{left:.1f} {y:.1f}" stroke="{color}" '
+        'stroke-width="1.5" fill="none"/><circle cx="{x:.1f}" cy="{end:.1f}" r="4" '
+        'fill="{color}"/><text x="{right}" y="{base:.1f}" font-size="{size:.1f}" '
+        'fill="var(--ink)">{name}</text>'
     ).format(
-        *(*end, _WIDTH, y, color, *end, color),
-        *(_WIDTH + 6, y + size / 3, size, mark.name),
+        x=x,
+        end=end,
+        left=_WIDTH,
+        right=_WIDTH + 6,
+        y=y,
+        base=y + size / 3,
+        size=size,
+        color=color,
+        name=mark.name,
     )

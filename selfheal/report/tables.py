@@ -19,6 +19,7 @@ from ..diagnosis.output.schema import (
 from ..engine.channels import list_channels
 from ..selfmodel.run import Run
 from .facts import (
+    DASH,
     SIDES,
     Rival,
     choose_channels,
@@ -43,7 +44,7 @@ _MOST_CHANNELS = 3  # that fit on a page; chosen
 _MOST_CANDIDATES, _MOST_REFIT = 12, 12  # rows that need no click; chosen
 _AT_BOUND = 0.01  # share of the distance to a bound that counts as none; chosen
 GROWTH = "error without it"  # the head of a column
-_DASH, _BREAK = "\N{EN DASH}", Html("<br>")
+_BREAK = Html("<br>")
 
 
 def format_tree(run: Run) -> Html:
@@ -158,7 +159,7 @@ def parse_number(value: object) -> float:
 def format_short(value: object, digits: int = 3) -> str:
     """A number of a document by its leading digits, or a dash."""
     known = parse_number(value)
-    return f"{known:.{digits}g}" if isfinite(known) else _DASH
+    return f"{known:.{digits}g}" if isfinite(known) else DASH
 
 
 def format_quantity(stated: Mapping[str, object]) -> str:
@@ -219,7 +220,7 @@ def format_findings(document: Document) -> Html:
 def format_growth(finding: Finding) -> str:
     """How many times as large the held-out error is without a finding."""
     times = (finding.get("evidence") or {}).get("heldout_error_growth")
-    return _DASH if times is None else f"{format_number(times, 2)} times"
+    return DASH if times is None else f"{format_number(times, 2)} times"
 
 
 def format_parameter(stated: StatedParameter) -> str:
@@ -250,7 +251,7 @@ def format_candidates(chosen: Sequence[Candidate], found: Sequence[Finding]) -> 
     # named after another one was, so not among the first
     for f in left:
         candidate = Candidate(f["effect"], f["target"], float("nan"), True)
-        rows.append(_format_candidate(_DASH, candidate, [f], rivals))
+        rows.append(_format_candidate(DASH, candidate, [f], rivals))
     head = ("rank", "effect", "where", "error left", "gain [nats]", "p", "stability")
     return make_table((*head, ""), rows, "rllrrrrl")
 
@@ -308,7 +309,7 @@ def _format_refit_row(entry: Refit) -> list[object]:
         entry["parameter"],
         format_short(entry.get("given")),
         format_quantity(entry),
-        f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else _DASH,
+        f"{100 * change:+.1f}\N{NO-BREAK SPACE}%" if isfinite(change) else DASH,
         note,
     ]
 

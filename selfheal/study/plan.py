@@ -34,7 +34,7 @@ class Record(TypedDict):
     """
 
     key: str
-    settings: dict[str, Any]
+    settings: dict
     outcome: Any
     error: str
     seconds: Number

@@ -26,8 +26,16 @@ from .plan import JsonObject, Record, Task, find_study
 FORMAT, VERSION = "selfheal-study", 1
 # rooms and data that an outcome depends on
 _ROOMS = (
-    *("recording", "body", "engine", "robot", "selfmodel", "gait", "recovery"),
-    *("diagnosis", "study", "models"),
+    "recording",
+    "body",
+    "engine",
+    "robot",
+    "selfmodel",
+    "gait",
+    "recovery",
+    "diagnosis",
+    "study",
+    "models",
 )
 
 

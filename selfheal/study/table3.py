@@ -10,6 +10,7 @@ import numpy as np
 from .after_damage import CYCLES, DamageOutcome, run_after_damage
 from .calibration import compute_brier_score, make_reliability_picture
 from .columns import (
+    Column,
     average,
     count_runs,
     share,
@@ -48,12 +49,22 @@ from .trees import (
 )
 
 _BUDGET = 262_000  # simulations of our search: the mean of the 2006 rule's
-# the 2006 paper's successes of 30, and errors [cm] before and after damage
-# (overview.txt, Table 3)
-_2006 = {
-    "random-batch": (7, ("9.62 ± 1.47", "5.60 ± 2.98")),
-    "random-alternate": (8, ("9.70 ± 1.45", "4.55 ± 3.22")),
-    "paper": (13, ("7.31 ± 1.22", "2.17 ± 0.55")),
+# the 2006 paper's successes, and its errors [cm] (overview.txt, Table 3)
+_2006_SUCCESSES = {
+    "before": {"random-batch": "7/30", "random-alternate": "8/30", "paper": "13/30"},
+    "after": {},
+}
+_2006_ERRORS = {
+    "before": {
+        "random-batch": "9.62 ± 1.47",
+        "random-alternate": "9.70 ± 1.45",
+        "paper": "7.31 ± 1.22",
+    },
+    "after": {
+        "random-batch": "5.60 ± 2.98",
+        "random-alternate": "4.55 ± 3.22",
+        "paper": "2.17 ± 0.55",
+    },
 }
 _PHASES = ("before", "after")
 
@@ -92,8 +103,12 @@ def _make_tables(records: Sequence[Record]) -> list[Table]:
             _make_results_table(robot, phase, found),
             make_test_table(title, found),
         ]
-    sure = [*_make_tree_calibration(records), *_make_length_calibration(records)]
-    return [*tables, *_make_correlation_tables(records), *sure]
+    tables += _make_correlation_tables(records)
+    for robot in (REAL, HIDDEN):
+        if pairs := _list_tree_statements(records, robot):
+            title = f"How sure of attachments, {ROBOT_LABELS[robot]}"
+            tables.append(make_attachment_table(title, pairs))
+    return [*tables, *_make_length_calibration(records)]
 
 
 def _group_runs(
@@ -118,6 +133,11 @@ _ERROR = {
 }
 
 
+def _quote_paper(numbers: Mapping[str, str]) -> Column:
+    """What the paper says of a method; empty where it has none."""
+    return lambda rs: numbers.get(rs[0]["settings"]["method"], "")
+
+
 def _make_results_table(
     robot: str, phase: str, found: Mapping[str, Sequence[Record]]
 ) -> Table:
@@ -129,19 +149,14 @@ def _make_results_table(
         "actions. 2006: its own robot, another simulator. Seconds: median of a run, on "
         "one core."
     )
-    at = _PHASES.index(phase)
-
-    def find_paper(rs: Sequence[Record]) -> tuple[int, tuple[str, str]]:
-        return _2006.get(rs[0]["settings"]["method"], (0, ("", "")))
-
     columns = {
         "runs": count_runs,
         "actions": lambda rs: f"{len(rs[0]['outcome']['actions'])}",
         "evaluations": average("evaluations", 0),
         "successes (95 %)": share("success"),
-        "2006": lambda rs: f"{n}/30" if (n := find_paper(rs)[0]) and not at else "",
+        "2006": _quote_paper(_2006_SUCCESSES[phase]),
         "error [cm]": average("error"),
-        "2006 [cm]": lambda rs: find_paper(rs)[1][at],
+        "2006 [cm]": _quote_paper(_2006_ERRORS[phase]),
         "seconds": take_median_seconds,
     }
     title = f"{phase.capitalize()} damage, {ROBOT_LABELS[robot]}"
@@ -166,15 +181,6 @@ def _list_tree_statements(records: Sequence[Record], robot: str) -> Pairs:
         select_records(records, robot=robot, phase="before", method=m) for m in OURS
     ]
     return list_statements([record for rs in found for record in rs])
-
-
-def _make_tree_calibration(records: Sequence[Record]) -> list[Table]:
-    """Calibration of attachments."""
-    return [
-        make_attachment_table(f"How sure of attachments, {ROBOT_LABELS[robot]}", pairs)
-        for robot in (REAL, HIDDEN)
-        if (pairs := _list_tree_statements(records, robot))
-    ]
 
 
 def _make_length_calibration(records: Sequence[Record]) -> list[Table]:

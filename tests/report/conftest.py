@@ -8,10 +8,18 @@ import pytest
 from tests.support.browser import CHROMIUM
 
 OPTIONS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run"),
-    *("--disable-dev-shm-usage", "--disable-background-networking"),
-    *("--disable-component-update", "--disable-sync", "--hide-scrollbars"),
-    *("--window-size=1200,6000", "--enable-logging=stderr", "--v=0"),
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-dev-shm-usage",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--hide-scrollbars",
+    "--window-size=1200,6000",
+    "--enable-logging=stderr",
+    "--v=0",
     "--host-resolver-rules=MAP * ~NOTFOUND",
 )
 

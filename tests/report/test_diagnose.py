@@ -1,4 +1,4 @@
-"""The page of a diagnosis: in order, in plain words, escaped, drawn in a browser."""
+"""The page of a diagnosis: in order, in words, escaped."""
 
 import re
 from dataclasses import replace

@@ -15,11 +15,17 @@ from tests.support.made_up_diagnosis import (
 @pytest.mark.parametrize(
     "value, unit, said",
     [
-        *((np.radians(1.94), "rad", "1.9 deg"), (0.0123, "m", "12 mm")),
-        *((2.0, "rad/s", "115 deg/s"), (0.31, "N m", "0.31 N m")),
-        *((1.234, "m", "1234 mm"), (0.02, "1", "0.020"), (0.5, "s", "0.50 s")),
-        *((None, "rad", "\N{EN DASH}"), (NAN, "m", "\N{EN DASH}")),
-        *((0.0, "rad", "0 deg"), (1e-9, "N m", "1e-09 N m")),
+        (np.radians(1.94), "rad", "1.9 deg"),
+        (0.0123, "m", "12 mm"),
+        (2.0, "rad/s", "115 deg/s"),
+        (0.31, "N m", "0.31 N m"),
+        (1.234, "m", "1234 mm"),
+        (0.02, "1", "0.020"),
+        (0.5, "s", "0.50 s"),
+        (None, "rad", "\N{EN DASH}"),
+        (NAN, "m", "\N{EN DASH}"),
+        (0.0, "rad", "0 deg"),
+        (1e-9, "N m", "1e-09 N m"),
     ],
 )
 def test_an_error_has_the_unit_that_people_read(value, unit, said):

@@ -37,8 +37,13 @@ def test_the_side_of_a_body_is_that_of_its_genome():
 @pytest.mark.parametrize(
     "count, said",
     [
-        *((0, "0"), (999, "999"), (1000, "1k"), (16_375, "16.4k")),
-        *((999_499, "999k"), (999_500, "1M"), (1_250_000, "1.25M")),
+        (0, "0"),
+        (999, "999"),
+        (1000, "1k"),
+        (16_375, "16.4k"),
+        (999_499, "999k"),
+        (999_500, "1M"),
+        (1_250_000, "1.25M"),
     ],
 )
 def test_numbers_on_an_axis_are_short(count, said):

@@ -1,4 +1,4 @@
-"""Curves that zoom: all in the page, nothing else may run, the plain ones in print."""
+"""Curves that zoom: all in the page, nothing else may run, the static ones in print."""
 
 import base64
 import hashlib
@@ -45,14 +45,14 @@ def test_the_policy_allows_the_pages_own_scripts_alone(diagnosis):
 
 
 def test_the_plain_figure_stays_for_print_and_for_who_runs_no_scripts():
-    live, plain = (
+    live, static = (
         write_page_text(make_diagnosis(), live=live) for live in (True, False)
     )
-    figures = [SCRIPT.sub("", page).count("<svg") for page in (live, plain)]
+    figures = [SCRIPT.sub("", page).count("<svg") for page in (live, static)]
     assert figures[0] == figures[1] == 2
     assert "@media print { .live { display: none; } }" in live
-    assert "<script" not in plain and 'class="live"' not in plain
-    assert "pip install 'bokeh" in html.unescape(plain)
+    assert "<script" not in static and 'class="live"' not in static
+    assert "pip install 'bokeh" in html.unescape(static)
     assert "pip install" not in read_words(SCRIPT.sub("", live))
 
 

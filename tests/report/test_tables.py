@@ -38,8 +38,10 @@ def test_a_value_has_the_digits_of_its_interval(value, low, high, unit, said):
 @pytest.mark.parametrize(
     "name, value, stuck",
     [
-        *(("body:a/mass", 1.15, True), ("body:a/mass", 1.14, False)),
-        *(("joint:a/damping", 0.7, True), ("joint:a/damping", 1.15, False)),
+        ("body:a/mass", 1.15, True),
+        ("body:a/mass", 1.14, False),
+        ("joint:a/damping", 0.7, True),
+        ("joint:a/damping", 1.15, False),
         ("body:a/length", 0.97, True),
     ],
 )

@@ -17,25 +17,45 @@ from selfheal.study.store import create_study, load_checked, open_journal
 from tests.support.damaged.members import NEVER_FIT, find_faults, replace_member
 
 TREE = {
-    **{"success": True, "error": [3.0, 2.0], "disagreement": [1.0, 0.5]},
-    **{"edge_f1": 1.0, "actions": [1, 2], "evaluations": 5, "choice": 0},
-    **{"stated": [0.9, 0.8], "right": [True, False], "tilt_error": 1.0},
+    "success": True,
+    "error": [3.0, 2.0],
+    "disagreement": [1.0, 0.5],
+    "edge_f1": 1.0,
+    "actions": [1, 2],
+    "evaluations": 5,
+    "choice": 0,
+    "stated": [0.9, 0.8],
+    "right": [True, False],
+    "tilt_error": 1.0,
 }
 INTERVALS = [[0.9, 1.1, 0.95, 1.0], [0.05, 0.2, 0.9, 0.1]]
 SCALES = {
-    **{"success": False, "error": [1.0, 2.0], "actions": [1], "evaluations": 3},
+    "success": False,
+    "error": [1.0, 2.0],
+    "actions": [1],
+    "evaluations": 3,
     "lengths": INTERVALS,
 }
 LENGTHS = {"part": 1.0, "leg": 2.0, "uneven": 0.5, "evaluations": 3}
 MATRIX = {
-    **{**LENGTHS, "edge_f1": 1.0, "success": True, "hips": True},
-    **{"foretold": 1.0, "tilt_gap": 1.0, "fit": 1.0},
+    **LENGTHS,
+    "edge_f1": 1.0,
+    "success": True,
+    "hips": True,
+    "foretold": 1.0,
+    "tilt_gap": 1.0,
+    "fit": 1.0,
 }
 WAYS = {"intact": 2.0, "damaged": 1.0, "healed": 1.5, "best_known": None}
 FIT = {"given": 1.0, "refit": 1.0, "patched": None, "explainable_removed": 0.5}
 SLOPE = {
-    **{"effect": "slope", "target": "world", "name": "tilt"},
-    **{"value": 0.1, "low": 0.0, "high": 0.2, "unit": "rad"},
+    "effect": "slope",
+    "target": "world",
+    "name": "tilt",
+    "value": 0.1,
+    "low": 0.0,
+    "high": 0.2,
+    "unit": "rad",
 }
 DIAGNOSIS = {"verdict": "explained", "findings": [SLOPE], "fit": FIT}
 RECOVERY = {"named": True, "actions": 3, "distance": WAYS}

@@ -110,9 +110,9 @@ def test_every_run_is_there_once_and_a_failing_one_with_its_error(calm):
         assert (outcome is not None) == well
         assert error == ("" if well else f"ValueError: seed {k} is not well")
     shown = selfheal("study", "show", calm / "study.h5", "--json")
-    told = json.loads(shown.stdout)
-    assert (told["runs"], told["done"], len(told["failed"])) == (16, 16, 3)
-    assert len(told["tables"][0]["rows"]) == 13
+    document = json.loads(shown.stdout)
+    assert (document["runs"], document["done"], len(document["failed"])) == (16, 16, 3)
+    assert len(document["tables"][0]["rows"]) == 13
     page = (calm / "report.html").read_text()
     assert "seed 14 is not well" in page and "Numbers" in page
     assert "| 3 | " in (calm / "report.md").read_text()
@@ -159,9 +159,9 @@ def test_an_interrupted_study_says_how_to_go_on(calm, tmp_path):
     assert (ended.returncode, "Traceback" in ended.stderr) == (130, False), ended.stderr
     left = len(load_study(tmp_path / "study.h5").left)
     how = f"selfheal study toy --resume {tmp_path}/study.h5"
-    told = f"{left} of 16 runs are left; go on with: {how}"
-    assert 0 < left < 16 and told in ended.stderr
-    assert told in selfheal("study", "show", tmp_path / "study.h5").stdout
+    message = f"{left} of 16 runs are left; go on with: {how}"
+    assert 0 < left < 16 and message in ended.stderr
+    assert message in selfheal("study", "show", tmp_path / "study.h5").stdout
     assert selfheal(*how.split()[1:], "--workers", 1).returncode == 0
     assert _values(tmp_path) == _values(calm)
 
@@ -267,7 +267,8 @@ def test_a_slurm_job_that_is_cancelled_is_replaced(calm, tmp_path, slurm):
     words = "study", "toy", "--runs", 16, "--cluster", "slurm", "--workers", 2
     ended = selfheal(
         *words,
-        *("--out", tmp_path),
+        "--out",
+        tmp_path,
         TOY_KILL=str(marks),
         SLURM_CONF=str(slurm),
         PYTHONPATH=str(ROOT),

@@ -16,9 +16,9 @@ from selfheal.study.statistics import (
 
 def test_an_interval_of_pooled_pairs_is_of_runs_not_of_pairs(rng):
     def ends(x, y):
-        told, interval, _ = format_pooled_correlation(x, y).split(" (")
+        value, interval, _ = format_pooled_correlation(x, y).split(" (")
         low, high = (float(end) for end in interval.rstrip(")").split(" to "))
-        assert low <= float(told) <= high
+        assert low <= float(value) <= high
         return low, high
 
     x, y = rng.normal(size=(2, 40, 1))
@@ -45,11 +45,11 @@ def test_statistics_are_those_of_their_names(rng):
     assert run_permutation_test(same, same[::-1]) > 0.9
     assert run_permutation_test(same, more) < 0.001
     assert format_rank_correlation(same, np.exp(same)).startswith("1.000")
-    for told in (
+    for written in (
         format_rank_correlation([1, 2, 3], [1, 1, 1]),
         format_pooled_correlation([[1, 2, 3]], [[1, 1, 1]]),
     ):
-        assert told == "not defined (n = 3)"
+        assert written == "not defined (n = 3)"
     stated = rng.random(4000)
     true = rng.random(4000) < stated
     honest = list(zip(stated, true, strict=True))

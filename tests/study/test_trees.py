@@ -13,9 +13,14 @@ def test_the_page_of_actions_has_each_method_against_each(rng):
     def record(method, success, seed):
         error = rng.random() + 9 * (not success)
         outcome = {
-            **{"success": success, "error": [error], "disagreement": [rng.random()]},
-            **{"edge_f1": float(success), "evaluations": 1, "choice": 0},
-            **{"stated": [1.0, 0.9], "right": [True, success]},
+            "success": success,
+            "error": [error],
+            "disagreement": [rng.random()],
+            "edge_f1": float(success),
+            "evaluations": 1,
+            "choice": 0,
+            "stated": [1.0, 0.9],
+            "right": [True, success],
         }
         settings = {"method": method, "seed": seed}
         return {"settings": settings, "outcome": outcome, "seconds": 1.0}

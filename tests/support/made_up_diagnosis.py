@@ -28,18 +28,28 @@ FINDING = {
     "equivalent": ["stribeck_friction"],
     "separate_by": "ramp knee slower than 0.05 rad/s for 20 s",
     "parameters": [
-        {"name": "frictionloss", "value": 0.14, "low": 0.12, "high": 0.16,
-         "unit": "N m"}
+        {
+            "name": "frictionloss",
+            "value": 0.14,
+            "low": 0.12,
+            "high": 0.16,
+            "unit": "N m",
+        }
     ],
     "where": {
         "signals": [{"name": "knee_position", "share_of_error": 0.81, "p_value": 1e-6}],
         "regime": "reversal",
         "windows": [{"episode": "003", "start": 1.2, "end": 1.9}],
     },
-    "evidence": {"heldout_nll_gain": 1.8, "p_value": 0.001, "stability": 0.97,
-                 "heldout_error_growth": 4.56},
+    "evidence": {
+        "heldout_nll_gain": 1.8,
+        "p_value": 0.001,
+        "stability": 0.97,
+        "heldout_error_growth": 4.56,
+    },
     "native": True,
-}  # fmt: skip
+}
+ONSET = {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}
 DELAY = {
     "effect": "command_delay",
     "target": "actuator:hip_motor",
@@ -48,11 +58,10 @@ DELAY = {
     "parameters": [
         {"name": "delay", "value": 0.0123, "low": 0.0118, "high": 0.0127, "unit": "s"}
     ],
-    "where": {"signals": [], "regime": "always", "windows": [],
-              "onset": {"episode": "002", "time": 3.4, "low": 3.3, "high": 3.5}},
+    "where": {"signals": [], "regime": "always", "windows": [], "onset": ONSET},
     "evidence": {"heldout_nll_gain": 0.3, "p_value": 0.004, "stability": 0.9},
     "native": False,
-}  # fmt: skip
+}
 PLAY = {
     "effect": "backlash",
     "target": "joint:knee",
@@ -64,10 +73,12 @@ SUM = {
     "effect": "integral_action",
     "target": "actuator:hip_motor",
     "begins": "settled",
-    "parameters": [{"name": "ki", "value": 2.0, "unit": "N m/(rad s)"},
-                   {"name": "imax", "value": 1.0, "unit": "N m"}],
+    "parameters": [
+        {"name": "ki", "value": 2.0, "unit": "N m/(rad s)"},
+        {"name": "imax", "value": 1.0, "unit": "N m"},
+    ],
     "evidence": {},
-}  # fmt: skip
+}
 DIFF = """--- model.xml
 +++ patched.xml
 @@ -12,3 +12,3 @@
@@ -78,29 +89,40 @@ DIFF = """--- model.xml
 """
 
 
+STOPPED = {
+    "while": "trying hard_stop at joint:hip",
+    "tried": 3,
+    "of": 41,
+    "not_tried": ["cogging"],
+}
+POSITION = {"kind": "joint_position", "unit": "rad", "given": 0.0333, "refit": 0.0201}
+VELOCITY = {"kind": "joint_velocity", "unit": "rad/s", "given": 2.0, "refit": 1.0}
+FIT = {
+    "held_out": ["a.h5:004", "a.h5:005"],
+    "given": 0.21,
+    "refit": 0.12,
+    "patched": 0.03,
+    "floor": 0.025,
+    "explainable_removed": 0.947,
+    "errors": [
+        {**POSITION, "patched": 0.0054, "floor": 0.0018},
+        {**VELOCITY, "patched": 0.5, "floor": None},
+    ],
+}
+DAMPING = {"parameter": "joint:knee/damping", "given": 0.05, "unit": "N m s/rad"}
+MASS = {"parameter": "body:shank/mass", "given": 0.4, "unit": "kg"}
+
+
 def make_document(verdict="explained", findings=(FINDING,)) -> dict:
     """The document of that diagnosis."""
-    stopped = {"while": "trying hard_stop at joint:hip", "tried": 3, "of": 41,
-               "not_tried": ["cogging"]}  # fmt: skip
-    return copy.deepcopy({
-        **({"stopped": stopped} if verdict == "undecided" else {}),
-        "format": "selfheal-diagnosis",
-        "version": 1,
-        "verdict": verdict,
-        "findings": list(findings),
-        "refit": [
-            {"parameter": "joint:knee/damping", "given": 0.05, "value": 0.043,
-             "low": 0.041, "high": 0.045, "unit": "N m s/rad"},
-            {"parameter": "body:shank/mass", "given": 0.4, "value": 0.46,
-             "low": 0.45, "high": 0.46, "unit": "kg"},
-        ],
-        "fit": {"held_out": ["a.h5:004", "a.h5:005"], "given": 0.21, "refit": 0.12,
-                "patched": 0.03, "floor": 0.025, "explainable_removed": 0.947,
-                "errors": [{"kind": "joint_position", "unit": "rad", "given": 0.0333,
-                            "refit": 0.0201, "patched": 0.0054, "floor": 0.0018},
-                           {"kind": "joint_velocity", "unit": "rad/s", "given": 2.0,
-                            "refit": 1.0, "patched": 0.5, "floor": None}]},
-    })  # fmt: skip
+    made = {"format": "selfheal-diagnosis", "version": 1, "verdict": verdict}
+    made |= {"findings": list(findings), "fit": FIT}
+    made["refit"] = [
+        {**DAMPING, "value": 0.043, "low": 0.041, "high": 0.045},
+        {**MASS, "value": 0.46, "low": 0.45, "high": 0.46},
+    ]
+    stopped = {"stopped": STOPPED} if verdict == "undecided" else {}
+    return copy.deepcopy(made | stopped)
 
 
 def make_trace(k: int, size: int = 400) -> Trace:
@@ -126,11 +148,13 @@ def make_diagnosis(
     share[0, 0], share[-1, 2] = 0.4, NAN
     p_value = np.where(share > 0.1, 1e-4, 0.4)
     spread = (0.11, 0.13)
-    fits = [SignalFit(n, k < 2, (0.21, 0.19, 0.23), (0.12, *spread),
-                      (0.03 if k != 1 else 0.13, 0.02, 0.04), 0.02)
-            for k, n in enumerate(names)]  # fmt: skip
-    tried = [("coulomb_friction", 0.11), ("stribeck_friction", 0.12),
-             ("asymmetric_friction", 0.4), ("joint_spring", 0.9)]  # fmt: skip
+    given, refit = (0.21, 0.19, 0.23), (0.12, *spread)
+    fits = [
+        SignalFit(n, k < 2, given, refit, (0.13 if k == 1 else 0.03, 0.02, 0.04), 0.02)
+        for k, n in enumerate(names)
+    ]
+    tried = {"coulomb_friction": 0.11, "stribeck_friction": 0.12}
+    tried |= {"asymmetric_friction": 0.4, "joint_spring": 0.9}
     return Diagnosis(
         model="leg.xml",
         document=make_document(verdict, findings),
@@ -142,7 +166,7 @@ def make_diagnosis(
         signals=tuple(fits),
         candidates=tuple(
             Candidate(e, "joint:knee", left, k == 0 and bool(findings))
-            for k, (e, left) in enumerate(tried)
+            for k, (e, left) in enumerate(tried.items())
         ),
         remarks=("The hip never moved faster than 0.2 rad/s.",),
         seconds=41.234,

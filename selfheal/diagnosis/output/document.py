@@ -6,6 +6,7 @@ from typing import cast
 
 import numpy as np
 from pydantic import JsonValue
+from pydantic_core import to_jsonable_python
 
 from ...recording.data import Floats
 from ..effects.base import Term
@@ -168,15 +169,9 @@ def build_unidentified(information: Information) -> list[Confounded]:
 
 def to_json_values(thing: object) -> JsonValue:
     """A copy with what JSON has: arrays become lists, NaN and infinity become null."""
-    if isinstance(thing, Mapping):
-        return {k: to_json_values(v) for k, v in thing.items()}
-    if isinstance(thing, list | tuple | np.ndarray):
-        return [to_json_values(v) for v in thing]
-    if isinstance(thing, np.floating | float):
-        return float(thing) if np.isfinite(thing) else None
-    if isinstance(thing, np.integer | np.bool_):
-        return thing.item()
-    return cast(JsonValue, thing)
+    return to_jsonable_python(
+        thing, inf_nan_mode="null", fallback=lambda array: array.tolist()
+    )
 
 
 def format_document(document: Document) -> str:

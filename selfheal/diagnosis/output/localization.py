@@ -23,8 +23,14 @@ from .schema import Location, SignalShare, Window
 
 # in the order of the contract
 REGIMES = (
-    *("reversal", "slow", "fast", "high_load"),
-    *("saturated", "contact", "near_limit", "after_step"),
+    "reversal",
+    "slow",
+    "fast",
+    "high_load",
+    "saturated",
+    "contact",
+    "near_limit",
+    "after_step",
 )
 EVENT_SECONDS = 0.25  # [s] that a reversal or a step counts for; chosen
 MIN_REGIME_SAMPLES = 20  # samples of a regime below which nothing is said of it; chosen

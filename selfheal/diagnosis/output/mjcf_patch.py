@@ -35,8 +35,15 @@ _LIMITS = {"jnt_actfrcrange": "actuatorfrcrange", "jnt_solref": "solreflimit"}
 # attributes of the kinds of actuators that a <general> one does not have
 SHORT = dict.fromkeys(
     [
-        *("kp", "kv", "gain", "dampratio", "timeconst"),
-        *("inheritrange", "diameter", "area", "bias"),
+        "kp",
+        "kv",
+        "gain",
+        "dampratio",
+        "timeconst",
+        "inheritrange",
+        "diameter",
+        "area",
+        "bias",
     ]
 )
 DYNAMICS = {1: "integrator", 2: "filter", 3: "filterexact"}  # mjtDyn

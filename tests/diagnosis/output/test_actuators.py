@@ -75,9 +75,9 @@ def _read_python(out, library):
 
 
 def test_the_values_are_those_of_the_patched_model(out):
-    told, model = _read_yaml(out), load_model(out / "patched.xml")
-    hip, servo = told["joints"]["hip"], model.actuator("hip_servo")
-    assert told["timestep"] == model.opt.timestep
+    stated, model = _read_yaml(out), load_model(out / "patched.xml")
+    hip, servo = stated["joints"]["hip"], model.actuator("hip_servo")
+    assert stated["timestep"] == model.opt.timestep
     for key, value in (
         ("armature", model.joint("hip").armature[0]),
         ("viscous_damping", model.joint("hip").damping[0]),
@@ -94,22 +94,22 @@ def test_the_values_are_those_of_the_patched_model(out):
 
 def test_a_gear_is_counted_in(out):
     """A servo on its model acts at the joint as stiffness and damping say."""
-    told, model = _read_yaml(out)["joints"], load_model(out / "patched.xml")
+    stated, model = _read_yaml(out)["joints"], load_model(out / "patched.xml")
     model.opt.timestep = 1e-5
     data = mujoco.MjData(model)
     data.qpos[1], data.qvel[1] = 0.2, 0.3
-    data.ctrl[1], data.ctrl[2] = told["knee"]["gear"] * 0.1, 0.7
+    data.ctrl[1], data.ctrl[2] = stated["knee"]["gear"] * 0.1, 0.7
     mujoco.mj_forward(model, data)
-    servo = told["knee"]["stiffness"] * (0.1 - 0.2) - told["knee"]["damping"] * 0.3
+    servo = stated["knee"]["stiffness"] * (0.1 - 0.2) - stated["knee"]["damping"] * 0.3
     assert data.qfrc_actuator[1] == pytest.approx(servo)
-    assert data.qfrc_actuator[2] == pytest.approx(told["toe"]["gear"] * 0.7)
+    assert data.qfrc_actuator[2] == pytest.approx(stated["toe"]["gear"] * 0.7)
     toe = {"actuator": "toe_motor", "control": "effort", "gear": 50.0}
-    assert told["toe"] == {**toe, "effort_limit": 50.0}
+    assert stated["toe"] == {**toe, "effort_limit": 50.0}
 
 
 def test_what_no_field_holds_is_left_out_by_name(out):
-    told = _read_yaml(out)
-    assert told["left_out"] == ["backlash at joint:hip: gap 0.01 rad"]
+    stated = _read_yaml(out)
+    assert stated["left_out"] == ["backlash at joint:hip: gap 0.01 rad"]
     for library in FIELDS:
         assert "# left out: backlash" in (out / f"actuators_{library}.py").read_text()
 
@@ -144,8 +144,8 @@ def test_joints_whose_drives_are_alike_are_one_group(tmp_path):
     text = text.replace('gear="10"', 'forcerange="-9 9"')
     (tmp_path / "arm.xml").write_text(text)
     out = save_diagnosis(tmp_path / "arm.xml", ())
-    told = _read_yaml(out)["joints"]
-    assert not [joint for joint in told.values() if "identified" in joint]
+    stated = _read_yaml(out)["joints"]
+    assert not [joint for joint in stated.values() if "identified" in joint]
     (group,) = [f for _, f in _read_python(out, "isaaclab") if "armature" in f]
     assert group["joint_names_expr"] == ["hip", r"hip\+2"]
     assert group["effort_limit_sim"] == {"hip": 20.0, r"hip\+2": 9.0}

@@ -19,8 +19,8 @@ def test_json_has_no_nan_and_no_numpy():
     thing = {"a": np.float64("nan"), "c": np.array([1.0, np.nan]), "d": "x"}
     thing |= {"b": (np.inf, np.int64(3), np.bool_(True)), "e": None}
     read = json.loads(format_document(thing), parse_constant=pytest.fail)
-    told = {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x", "e": None}
-    assert read == told == to_json_values(thing)
+    expected = {"a": None, "b": [None, 3, True], "c": [1.0, None], "d": "x", "e": None}
+    assert read == expected == to_json_values(thing)
 
 
 def test_the_interval_of_a_negative_value_is_in_order():

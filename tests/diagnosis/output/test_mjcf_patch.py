@@ -136,7 +136,7 @@ SPELLINGS = {
 } | {
     "an included file that includes one": WAYS["included bodies"],
     "lines that end as on Windows": _put(LOWER_BODY, PART),
-    "comments, odd spaces and quotes": _put(
+    "comments, many spaces and other quotes": _put(
         '<joint name="elbow" type="hinge" axis="0 1 0" damping="0.03" '
         'armature="0.005"/>',
         "<!-- the elbow -->\t<joint  name = 'elbow'\n\n axis='0  1 0'  damping = "

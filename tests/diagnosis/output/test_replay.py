@@ -109,11 +109,11 @@ def test_supply_voltage_and_temperature_stay_unread(empty_diagnosis):
         "supply": replace(some, kind="supply_voltage", target="", unit="V"),
     }
     more = {k: replace(s, values=nan) for k, s in more.items()}
-    asked = replace(
+    inputs = replace(
         recording,
         episodes={first: replace(episode, signals={**episode.signals, **more})},
     )
-    signals = replay_recording(out, asked).episodes[first].signals
+    signals = replay_recording(out, inputs).episodes[first].signals
     assert np.isnan(signals["heat"].values).all()
     assert np.isnan(signals["supply"].values).all()
     assert np.isfinite(signals["elbow"].values).all()
@@ -124,31 +124,33 @@ def test_a_start_that_is_not_given_is_read_as_a_diagnosis_reads_it(
     lost, empty_diagnosis
 ):
     out, recording = empty_diagnosis
-    asked = _with(recording, **dict.fromkeys(lost))
-    simulator = build_simulator(ModelCompiler(str(out / "patched.xml")), [asked])
+    inputs = _with(recording, **dict.fromkeys(lost))
+    simulator = build_simulator(ModelCompiler(str(out / "patched.xml")), [inputs])
     episodes = {}
-    for i, (key, episode) in enumerate(asked.episodes.items()):
+    for i, (key, episode) in enumerate(inputs.episodes.items()):
         state = simulator.complete_state(i, np.zeros(1, int))
         q, v = state.qpos, state.qvel
         episodes[key] = replace(episode, qpos0=q[0], qvel0=v[0])
-    told = replay_recording(out, replace(asked, episodes=episodes))
-    for key, episode in replay_recording(out, asked).episodes.items():
+    given = replay_recording(out, replace(inputs, episodes=episodes))
+    for key, episode in replay_recording(out, inputs).episodes.items():
         for name in ("shoulder", "elbow"):
-            both = [e.signals[name].values for e in (episode, told.episodes[key])]
+            both = [e.signals[name].values for e in (episode, given.episodes[key])]
             np.testing.assert_allclose(*both, atol=1e-6)
 
 
 def test_a_bias_that_was_found_is_taken_off_the_start(empty_diagnosis):
     out, recording = empty_diagnosis
-    asked = _with(recording, qpos0=None, qvel0=None)
-    plain = replay_recording(out, asked)
+    inputs = _with(recording, qpos0=None, qvel0=None)
+    unbiased = replay_recording(out, inputs)
     bias = {"name": "bias", "value": 0.3}
     write_finding(out, effect="sensor_bias", target="sensor:elbow", parameters=[bias])
-    biased = replay_recording(out, asked)
+    biased = replay_recording(out, inputs)
     for key, episode in biased.episodes.items():
-        first = [e.signals["elbow"].values[0] for e in (episode, plain.episodes[key])]
+        first = [
+            e.signals["elbow"].values[0] for e in (episode, unbiased.episodes[key])
+        ]
         np.testing.assert_allclose(*first, atol=1e-6)
-        last = [e.signals["shoulder"].values for e in (episode, plain.episodes[key])]
+        last = [e.signals["shoulder"].values for e in (episode, unbiased.episodes[key])]
         assert abs(last[0][-1] - last[1][-1]) > 1e-3
 
 
