@@ -201,7 +201,9 @@ def test_a_row_without_an_episode_belongs_to_the_one_before(missing, tmp_path):
 def test_an_episode_that_is_no_whole_number_is_refused(label, tmp_path):
     text = f'[time]\ncolumn = "t"\n[episodes]\ncolumn = "run"\n{COMMANDS}'
     table = _table() | {"run": np.full(50, label)}
-    with pytest.raises(InputError, match="run.csv: column 'run' tells episodes apart"):
+    with pytest.raises(
+        InputError, match=r"run\.csv: column 'run' tells episodes apart"
+    ):
         _import(TableLog({"": table}), text, tmp_path)
 
 

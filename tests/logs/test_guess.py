@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from selfheal.logs.guessing import conversions
-from selfheal.logs.guessing.column_names import read_name, score_kinds, score_names
+from selfheal.logs.guessing.column_names import read_name, score_kinds
 from selfheal.logs.guessing.guess import guess_map
 from selfheal.logs.guessing.map_text import format_map
 from selfheal.logs.log_map import COMMAND
@@ -163,16 +162,10 @@ def test_a_column_in_percent_is_mapped_to_its_range(model, motion):
 def test_what_is_asked_to_be_looked_at_is_said_to_be_less_than_sure(model, motion):
     guess = guess_map(TableLog({"": _make_table(motion)}), model)
     doubts = [(0.6999, "a"), (0.7, "b"), (0.9999, "c")]
-    lines = [
-        replace(
-            line,
-            targets=[
-                replace(target, sure=sure, why=why)
-                for target, (sure, why) in zip(line.targets, doubts, strict=True)
-            ],
-        )
-        for line in guess.lines
-    ]
+    (line, *_) = guess.lines
+    pairs = zip(line.targets, doubts, strict=True)
+    targets = [replace(target, sure=sure, why=why) for target, (sure, why) in pairs]
+    lines = [replace(line, targets=targets)]
     text = format_map(replace(guess, lines=lines), "log.csv", "arm.xml")
     assert "69% sure: LOOK: pan" in text and "100% sure" not in text
     assert "70% sure: lift: b" in text and "99% sure: elbow: c" in text
@@ -241,18 +234,6 @@ def test_the_lag_of_a_position_is_found(lag):
     assert found.lag == pytest.approx(lag, abs=0.011) and found.correlation > 0.95
 
 
-def test_a_pair_of_columns_is_compared_once(model, motion, monkeypatch):
-    seen = []
-
-    def compare(command, position):
-        seen.append((id(command[1]), id(position[1])))
-        return compare_command(command, position)
-
-    monkeypatch.setattr(conversions, "compare_command", compare)
-    guess_map(TableLog({"": _make_table(motion)}), model)
-    assert len(seen) == len(set(seen)) > len(JOINTS)
-
-
 @pytest.mark.parametrize("value", [1e300, -np.inf, 1e200])
 def test_a_reading_that_is_damaged_changes_no_guess(value, model, motion):
     table = {name: np.array(c, dtype=float) for name, c in _make_table(motion).items()}
@@ -319,10 +300,3 @@ def test_kinds_are_read_from_words(stream, column, kind, unit):
     scores = score_kinds(facts)
     assert max(scores, key=scores.get) == kind
     assert facts.unit == unit
-
-
-def test_an_own_name_beats_a_shared_one():
-    facts = read_name("", "cmd_elbow_p")
-    own = score_names(facts, "elbow_p", ("elbow",))
-    assert own > score_names(facts, "elbow_v", ("elbow",)) > 0.5
-    assert score_names(facts, "wrist", ()) == 0

@@ -13,10 +13,10 @@ from selfheal.recording import (
     check_against_model,
     list_controls,
     list_model_names,
+    split,
     validate,
 )
 from selfheal.recording.controls import order_columns
-from selfheal.recording.split import _measure_ranges
 
 MODEL = """<mujoco><worldbody>
   <body><joint name="knee"/><geom size="0.1"/>
@@ -94,12 +94,17 @@ def test_an_actuator_without_a_name_counts_once():
         _check(BY_ACTUATOR[2:], _compile(name=""))
 
 
-def test_the_ranges_of_all_columns_with_one_name_count():
-    episode = _record(BY_ACTUATOR).episodes["a"]
-    found = _measure_ranges(episode)
-    assert found["ctrl servo", 0] != found["ctrl servo", 1]
-    renamed = replace(episode, ctrl_names=BY_INPUT)
-    assert sorted(_measure_ranges(renamed).values()) == sorted(found.values())
+@pytest.mark.parametrize("names", [BY_ACTUATOR, BY_INPUT])
+def test_a_split_spans_the_ranges_of_all_columns_with_one_name(names):
+    """What is held out lies within the rest, in the second column of an actuator."""
+    episode = _record(names).episodes["a"]
+    episodes = {}
+    for size in (1.0, 9.0, 3.0, 4.0):
+        ctrl = np.zeros_like(episode.ctrl)
+        ctrl[:, 1] = size * np.arange(len(ctrl))
+        episodes[str(size)] = replace(episode, ctrl=ctrl)
+    _, held = split(Recording(episodes))
+    assert list(held.episodes) == ["4.0"]
 
 
 def test_arrays_by_the_names_of_controls_are_a_recording(tmp_path):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from selfheal.errors import InputError, RecordingError, UnknownNameError
+from selfheal.errors import InputError, RecordingError
 from selfheal.recording import Episode, Recording, Signal, split, validate, write
 from selfheal.recording.split import GAP
 
@@ -148,11 +148,6 @@ def test_a_held_out_segment_has_the_name_that_holds_it_out_again(tmp_path):
 def test_a_name_that_holds_out_nothing_is_refused(entry, said):
     with pytest.raises(InputError, match=said):
         split(_recording("a", "b"), held_out=[entry])
-
-
-def test_an_unknown_name_is_told_apart():
-    with pytest.raises(UnknownNameError):
-        split(_recording("a"), held_out=["z"])
 
 
 def test_nothing_can_be_held_out_of_two_samples():

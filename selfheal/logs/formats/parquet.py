@@ -55,14 +55,12 @@ class LeRobotFormat(LogFormat):
                 raise InputError(f"{path}: no data/chunk-*/*.parquet in it")
             table = _make_table(path, files, _list_names(info.get("features")))
             fps, robot = info.get("fps"), info.get("robot_type")
-            scalars = [name for name, cell in table.cells.items() if not cell.width]
+            rate = fps if isinstance(fps, int | float) and 0 < fps < 1e9 else None
             table = replace(
                 table,
-                time="timestamp" if "timestamp" in scalars else "",
-                period=1 / fps
-                if isinstance(fps, int | float) and 0 < fps < 1e9
-                else None,
-                episode="episode_index" if "episode_index" in scalars else "",
+                time="timestamp",
+                period=1 / rate if rate else None,
+                episode="episode_index" if "episode_index" in table.cells else "",
             )
             named = robot if isinstance(robot, str) else None
             return TableLog(path, [table], "LeRobot data set", named)

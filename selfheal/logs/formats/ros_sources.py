@@ -169,8 +169,13 @@ class McapSource(Source):
                 file.seek(start)
                 if start == 0 and self._end <= _MAGIC_SIZE:
                     return
-                limit = 2 * _MAX_CHUNK
-                for record in StreamReader(file, start > 0, True, False, limit).records:
+                stream = StreamReader(
+                    file,
+                    skip_magic=start > 0,
+                    emit_chunks=True,
+                    record_size_limit=2 * _MAX_CHUNK,
+                )
+                for record in stream.records:
                     if isinstance(record, wanted):
                         yield file.tell(), record
                     is_last = file.tell() >= self._end

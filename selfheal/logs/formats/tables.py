@@ -104,20 +104,7 @@ class TableLog(Log):
         self.path, self.robot, self._what = path, robot, what
         self._tables = {table.name: table for table in tables}
         self._places = {table.name: _place_columns(table) for table in tables}
-        self.streams = [
-            Stream(
-                table.name,
-                {
-                    name: "s" if cell == table.time else table.cells[cell].unit
-                    for name, (cell, _) in self._places[table.name].items()
-                },
-                table.rows,
-                table.time,
-                table.period,
-                table.episode,
-            )
-            for table in tables
-        ]
+        self.streams = [_make_stream(t, self._places[t.name]) for t in tables]
         if not any(stream.columns for stream in self.streams):
             raise InputError(f"{path}: no columns, of one length each, that are a log")
 
@@ -147,6 +134,14 @@ def _place_columns(table: Table) -> dict[str, tuple[str, int]]:
     if len(names) > MAX_COLUMNS:
         raise InputError(f"more than {MAX_COLUMNS} columns")
     return dict(zip(make_unique(names), places, strict=True))
+
+
+def _make_stream(table: Table, places: Mapping[str, tuple[str, int]]) -> Stream:
+    """The stream of a table with such columns; its time is in seconds."""
+    units = {name: table.cells[cell].unit for name, (cell, _) in places.items()}
+    time = table.time if table.time in places else ""
+    units |= {time: "s"} if time else {}
+    return Stream(table.name, units, table.rows, time, table.period, table.episode)
 
 
 def _pick(block: Values, element: int) -> Values:

@@ -69,18 +69,18 @@ def test_demos_of_robomimic_are_episodes_in_their_order(tmp_path):
     assert {"obs/q[0]", "next_obs/q[2]"} < set(found)
 
 
-def test_parts_of_a_robot_are_no_episodes(tmp_path):
-    arrays = {f"{side}/{x}": Q for side in ("left", "right") for x in ("q", "v")}
-    found = read_one(write_hdf5(tmp_path / "log.h5", arrays))
-    assert len(found) == 12 and "left/q[0]" in found
+PARTS = {f"{side}/{name}": Q for side in ("left", "right") for name in ("q", "v")}
+ALOHA = {name: Q for name in ("action", "observations/qpos", "observations/qvel")}
+ALOHA["observations/images/top"] = np.zeros((200, 2, 2, 3), np.uint8)
 
 
-def test_a_file_of_aloha_is_one_episode(tmp_path):
-    arrays = {name: Q for name in ("action", "observations/qpos", "observations/qvel")}
-    arrays["observations/images/top"] = np.zeros((200, 2, 2, 3), np.uint8)
-    log = open_log(write_hdf5(tmp_path / "episode_0.hdf5", arrays))
-    assert log.streams[0].episode == ""
-    assert "observations/qvel[2]" in log.streams[0].columns
+@pytest.mark.parametrize(
+    ("arrays", "column"), [(PARTS, "left/q[0]"), (ALOHA, "observations/qvel[2]")]
+)
+def test_groups_that_differ_or_are_parts_are_no_episodes(tmp_path, arrays, column):
+    (stream,) = open_log(write_hdf5(tmp_path / "log.h5", arrays)).streams
+    assert stream.episode == "" and column in stream.columns
+    assert not any("images" in name for name in stream.columns)
 
 
 def test_units_records_and_texts_of_hdf5_are_read(tmp_path):

@@ -70,12 +70,6 @@ def test_one_table_written_in_many_ways_reads_the_same(write, text, packed):
     assert {name: v.tolist() for name, v in found.items()} == {"t": [1, 3], "q": [2, 4]}
 
 
-@pytest.mark.parametrize("rows", [2, 3000])
-def test_the_last_row_is_left_out_where_the_logger_was_cut_off(write, rows):
-    found = read_one(write("t,q\n" + "1,2\n" * rows + "1"))
-    assert found["t"].tolist() == [1] * rows
-
-
 @pytest.mark.parametrize(
     "cells", [('"[0.5, 1.5]"', '"[2, 3]"'), ("0.5 1.5", "2 3"), ("[0.5;1.5]", "(2 3)")]
 )
@@ -98,23 +92,7 @@ def test_iso_8601_times_are_seconds_since_1970(write, word):
     np.testing.assert_equal(read_all(log)[""]["when"], [60.5, np.nan])
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "utf-16", "utf-8-sig"])
-def test_other_encodings_are_read(write, encoding):
-    found = read_one(write("t,q [°]\n1,2\n".encode(encoding)))
-    assert found["q [°]"].tolist() == [2]
-
-
-def test_blocks_of_a_long_table_come_in_order(write):
-    values = np.random.default_rng(1).normal(size=(60_000, 6))
-    text = "\n".join("  ".join(map(repr, row)) for row in values.tolist())
-    path = write(text + "\n", "log.dat")
-    log = open_log(path)
-    assert len(list(log.read({"": ["0"]}))) > 1
-    found = read_all(log)[""]
-    np.testing.assert_array_equal(np.stack(list(found.values()), axis=1), values)
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16", "latin-1"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("delimiter", [",", " "])
 def test_blocks_end_between_rows(write, encoding, end, delimiter):
@@ -142,7 +120,7 @@ def test_a_line_longer_than_a_block_is_refused(write):
         read_one(write("t,q\n" + "1,2\n" * 70_000 + "1," + 3_000_000 * "2"))
 
 
-@pytest.mark.parametrize("size", [20, 300_000])
+@pytest.mark.parametrize("size", [2, 300_000])
 def test_only_the_last_row_may_be_cut_off(write, size):
     log = open_log(write("t,q\n" + "1,2\n" * size + "7"))
     assert len(read_all(log)[""]["t"]) == size

@@ -171,17 +171,31 @@ def test_fields_of_the_usual_types_are_columns_by_their_paths(tmp_path, store):
         assert not any("points[1]" in name for name in found[f"/t{k}"])
 
 
-def test_states_by_interface_are_columns_by_both_names(tmp_path, store):
-    text = "string[] joint_names\nValues[] interface_values\n" + "=" * 80
-    text += "\nMSG: my_msgs/Values\nstring[] interface_names\nfloat64[] values\n"
-    found = get_typestore(Stores.ROS2_HUMBLE)
-    found.register(get_types_from_msg(text, "my_msgs/msg/Dynamic"))
-    values = found.types["my_msgs/msg/Values"](["q", "i"], np.array([1.0, 2.0]))
-    kind = "my_msgs/msg/Dynamic"
-    message = found.types[kind](["hip", "knee"], [values, values])
-    log = open_log(write_bag(tmp_path / "bag", found, [("/d", message)]))
-    column = "interface_values[knee].values[i]"
-    assert read_all(log)["/d"][column].tolist() == [2]
+DYNAMIC = "string[] joint_names\nValues[] interface_values\n" + "=" * 80
+DYNAMIC += "\nMSG: my_msgs/Values\nstring[] interface_names\nfloat64[] values\n"
+CONTROLLER = (
+    "string[] joint_names\nfloat64[] reference\nstring[] multi_dof_joint_names\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "more", "column"),
+    [
+        (DYNAMIC, [], "interface_values[knee].values[i]"),  # names of both
+        (CONTROLLER, [[]], "reference[knee]"),  # the first names, others may be empty
+    ],
+)
+def test_elements_have_the_names_in_a_message_or_around_it(
+    tmp_path, text, more, column
+):
+    found, kind = get_typestore(Stores.ROS2_HUMBLE), "my_msgs/msg/Named"
+    found.register(get_types_from_msg(text, kind))
+    values = np.array([1.0, 2.0])
+    if text is DYNAMIC:
+        values = [found.types["my_msgs/msg/Values"](["q", "i"], values)] * 2
+    message = found.types[kind](["hip", "knee"], values, *more)
+    log = open_log(write_bag(tmp_path / "bag", found, [("/d", message)] * 3))
+    assert read_all(log)["/d"][column].tolist() == [2] * 3
 
 
 @pytest.mark.parametrize("compression", [None, *Writer1.CompressionFormat])
@@ -285,14 +299,3 @@ def test_a_damaged_bag_is_read_or_refused(tmp_path, store, plugin):
 def test_an_empty_bag_has_no_rows(tmp_path, store):
     path = write_bag(tmp_path / "bag", store, [])
     assert read_all(open_log(path)) == {}
-
-
-def test_elements_have_the_first_names_of_a_message(tmp_path):
-    """As of a trajectory controller's state, whose second ones are empty."""
-    text = "string[] joint_names\nfloat64[] reference\nstring[] multi_dof_joint_names\n"
-    found, kind = get_typestore(Stores.ROS2_HUMBLE), "my_msgs/msg/ControllerState"
-    found.register(get_types_from_msg(text, kind))
-    message = found.types[kind](["hip", "knee"], np.array([1.0, 2.0]), [])
-    path = write_bag(tmp_path / "bag", found, [("/state", message)] * 3)
-    (stream,) = open_log(path).streams
-    assert {"reference[hip]", "reference[knee]"} <= set(stream.columns)

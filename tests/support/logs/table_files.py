@@ -51,12 +51,6 @@ def write_json_lines(path: Path, columns: Columns) -> Path:
     return write_text(path, "\n".join([*lines, ""]))
 
 
-def write_npz(path: Path, columns: Columns) -> Path:
-    """Arrays of NumPy."""
-    np.savez(path, **columns)
-    return path
-
-
 def write_hdf5(path: Path, columns: Columns) -> Path:
     """Datasets, by the paths that their names are."""
     with h5py.File(path, "w") as file:
@@ -66,20 +60,13 @@ def write_hdf5(path: Path, columns: Columns) -> Path:
     return path
 
 
-def write_mat(path: Path, columns: Columns) -> Path:
-    """Variables, as MATLAB writes version 7."""
-    savemat(path, dict(columns), do_compression=True)
-    return path
-
-
-def write_mat73(path: Path, columns: Columns) -> Path:
+def write_mat73(path: Path, columns: Columns) -> None:
     """As MATLAB writes version 7.3: HDF5 behind a block of text, axes turned."""
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, array in columns.items():
             file[name] = np.atleast_2d(np.transpose(array))
     with path.open("r+b") as file:
         file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\0\2IM")
-    return path
 
 
 def write_parquet(path: Path, columns: Mapping[str, object], **settings: int) -> Path:
@@ -90,12 +77,6 @@ def write_parquet(path: Path, columns: Mapping[str, object], **settings: int) ->
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     pq.write_table(pa.table(cells), path, **settings)
-    return path
-
-
-def write_torch(path: Path, columns: Columns) -> Path:
-    """Tensors by name."""
-    save_archive(path, {name: Tensor(values) for name, values in columns.items()})
     return path
 
 
@@ -120,15 +101,26 @@ def write_lerobot(
     return folder
 
 
-WRITERS: Mapping[str, Callable[[Path, Columns], Path]] = {
+def _write_torch(path: Path, columns: Columns) -> None:
+    save_archive(path, {name: Tensor(values) for name, values in columns.items()})
+
+
+_WRITERS: Mapping[str, Callable[[Path, Columns], object]] = {
     "log.csv": write_csv,
     "log.csv.gz": write_csv,
     "log.json": write_json,
     "log.jsonl": write_json_lines,
-    "log.npz": write_npz,
+    "log.npz": lambda path, columns: np.savez(path, **columns),
     "log.h5": write_hdf5,
-    "log.mat": write_mat,
+    "log.mat": lambda path, columns: savemat(path, columns, do_compression=True),
     "new.mat": write_mat73,
     "log.parquet": write_parquet,
-    "log.pt": write_torch,
+    "log.pt": _write_torch,
 }
+TABLES = tuple(_WRITERS)  # names of files, one of each format
+
+
+def write_table(path: Path, columns: Columns) -> Path:
+    """Columns as a file whose name is one of `TABLES`."""
+    _WRITERS[path.name](path, columns)
+    return path

@@ -7,7 +7,6 @@ import types
 import zipfile
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
 from unittest.mock import patch
 
 import numpy as np
@@ -71,7 +70,7 @@ def _make_modules() -> dict[str, types.ModuleType]:
     return {"torch": torch, "torch._utils": utils}
 
 
-def save_archive(path: Path, document: Any, raw: bytes | None = None) -> None:
+def save_archive(path: Path, document: object, raw: bytes | None = None) -> None:
     """Write an archive, as torch.save does.
 
     Args:
