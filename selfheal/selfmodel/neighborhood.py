@@ -116,8 +116,8 @@ class Neighborhood:
             close = np.flatnonzero((loss + e <= best + _WINDOW) & np.isfinite(loss))
             flat = self._distinct[row][close]
             turn, trade = np.divmod(flat, len(self.twins.trade))
-            found.append((np.full_like(flat, row), turn, trade, loss[close],
-                          loss[close] + e))  # fmt: skip
+            costs = loss[close], loss[close] + e
+            found.append((np.full_like(flat, row), turn, trade, *costs))
         columns = [np.concatenate(x) for x in zip(*found, strict=True)]
         order = np.argsort(np.round(columns[-1], 6), kind="stable")
         return Hypotheses(self.bodies, self.twins, *(x[order] for x in columns))
