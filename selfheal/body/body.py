@@ -7,6 +7,7 @@ P columns.
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,25 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] contract: it sits this far inside the torso's belly
-Rows = slice | list[int] | Ints | NDArray[np.bool_]
+Rows = int | slice | list[int] | Ints | NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RowBatch:
+    """Rows: every field that is an array has one for each."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self._get_columns().values())))
+
+    def __getitem__(self, rows: Rows) -> Self:
+        """These rows, as a batch."""
+        columns = self._get_columns().items()
+        return replace(self, **{name: column[rows] for name, column in columns})
+
+    def _get_columns(self) -> dict[str, np.ndarray]:
+        """The arrays by name."""
+        values = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return {name: value for name, value in values if isinstance(value, np.ndarray)}
 
 
 @dataclass(frozen=True)
@@ -23,7 +42,6 @@ class Anatomy:
     """What a robot knows of its parts before it asks how they are attached.
 
     Attributes:
-        name: of the robot.
         parts: (P) names of parts 1..P.
         joints: (P) names of the joints that move them.
         torso_half: (3) half sizes of the torso box [m].
@@ -39,7 +57,6 @@ class Anatomy:
         feet: the parts (1..P) whose tips feel the floor.
         hinges: (P) known kinds of hinges, as `genome.HINGE_NAMES`; empty: all lift.
         bends: (P) by how much parts leave their parents downward [rad]; empty: by 0.
-        fixed: whether the torso is bolted to the world.
         ordered: whether a part's parent is the torso or a part listed before it.
         sensors: of the robot at rest, as `engine.channels` names them.
     """
@@ -70,11 +87,10 @@ class Anatomy:
 
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(RowBatch):
     """A batch of N bodies made of one anatomy's parts.
 
     Attributes:
-        anatomy: the parts.
         parent: (N, P) parent of part 1..P; 0 is the torso, else a part: one before it
             where the anatomy is ordered.
         anchor: (N, P, 3) the joint in the parent's frame [m].
@@ -94,14 +110,6 @@ class Bodies:
     thickness: Floats
     mass: Floats
 
-    def __len__(self) -> int:
-        return len(self.parent)
-
-    def __getitem__(self, rows: Rows) -> "Bodies":
-        """The bodies of these rows, as a batch."""
-        columns = (getattr(self, f.name)[rows] for f in fields(self)[1:])
-        return Bodies(self.anatomy, *columns)
-
 
 def concatenate_bodies(*batches: Bodies) -> Bodies:
     """All bodies of several batches of one anatomy, in order."""
@@ -116,9 +124,6 @@ def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
     Args:
         scale: (N, P) factor on length, diameter, mass and housing of each part
             [1], 0.1 to 2 in the paper. A joint on a scaled part moves with it.
-
-    Returns:
-        N new bodies.
     """
     scale = np.broadcast_to(np.asarray(scale, float), bodies.length.shape)
     on_torso = np.ones((len(bodies), 1))

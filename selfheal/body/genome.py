@@ -8,6 +8,7 @@ and length.
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.random import Generator
 
 from .body import Anatomy, Bodies, Floats, Ints, Rows
 
@@ -68,9 +69,6 @@ def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     Args:
         parent: (N, P) or (P) what each part is attached to; 0 is the torso.
         placement: (N, P) or (P) where on its parent's perimeter [rounds].
-
-    Returns:
-        N genomes.
     """
     parent = np.atleast_2d(np.asarray(parent, np.int64))
     length = np.broadcast_to(anatomy.length, parent.shape).copy()
@@ -183,15 +181,10 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     )
 
 
-def draw_genomes(
-    anatomy: Anatomy, count: int, rng: np.random.Generator, sides: bool
-) -> Genomes:
+def draw_genomes(anatomy: Anatomy, count: int, rng: Generator, sides: bool) -> Genomes:
     """Draw random attachment trees; gene i is uniform, so the parent is among 0..i-1.
 
     Where the anatomy is not ordered, parts then trade places at random.
-
-    Args:
-        sides: move every attachment to the middle of its side.
     """
     genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))
     if not anatomy.ordered:

@@ -46,28 +46,18 @@ def find_nearest_on_hull(flat: Floats, m: int, simplex: Ints) -> int:
         norm = x * x + y * y
         if norm < _ORIGIN_TOLERANCE * _ORIGIN_TOLERANCE:
             return 3
-        far, low = -1, norm - 1e-10
-        for i in range(m):
-            dot = flat[i, 0] * x + flat[i, 1] * y
-            if dot < low:
-                far, low = i, dot
+        far = _find_support(flat, m, x, y, norm - 1e-10)
         if far < 0:
             return size
-        # the nearest point of the edges between it and the simplex
-        a = simplex[0]
-        b = simplex[1] if size == 2 else -1
-        if size == 2 and _contains_origin(flat, a, b, far):
+        if size == 2 and _contains_origin(flat, simplex[0], simplex[1], far):
             return 3
-        keep, kx, ky, kn, is_edge = a, 0.0, 0.0, 1e30, False
+        # the nearest point of the edges between it and the simplex
+        keep, kx, ky, kn, is_edge = simplex[0], 0.0, 0.0, 1e30, False
         for s in range(size):
             v = simplex[s]
             ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
             t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
-            edge = True
-            if t <= 0.0:
-                t, edge = 0.0, False
-            elif t >= 1.0:
-                t, edge = 1.0, False
+            edge, t = 0.0 < t < 1.0, min(max(t, 0.0), 1.0)
             px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
             if px * px + py * py < kn:
                 kn, kx, ky, is_edge = px * px + py * py, px, py, edge
@@ -79,6 +69,17 @@ def find_nearest_on_hull(flat: Floats, m: int, simplex: Ints) -> int:
             size = 2
         x, y = kx, ky
     return size
+
+
+@numba.njit(inline="always", **JIT)
+def _find_support(flat: Floats, m: int, x: float, y: float, low: float) -> int:
+    """The point farthest against (x, y), -1 where none is below `low` along it."""
+    far = -1
+    for i in range(m):
+        dot = flat[i, 0] * x + flat[i, 1] * y
+        if dot < low:
+            far, low = i, dot
+    return far
 
 
 @numba.njit(inline="always", **JIT)

@@ -47,7 +47,6 @@ class Mjx:
     """Simulates a rigid, reshaping body for each candidate, on every device.
 
     Attributes:
-        name: "mjx".
         ramp: [s] joints move from 0 to their target.
         hold: [s] then hold.
     """
@@ -100,11 +99,9 @@ class Mjx:
     def _describe_program(self, a: Anatomy) -> "_Program":
         """What is compiled for an anatomy."""
         devices, batch = prepare_jax().devices(), self.batch
-        return _Program(
-            a.size, list_sphere_owners(a), a.feet, self.ramp, self.hold, batch,
-            max(n for n in range(1, len(devices) + 1) if batch % n == 0),
-            devices[0].platform,
-        )  # fmt: skip
+        count = max(n for n in range(1, len(devices) + 1) if batch % n == 0)
+        robot, times = (a.size, list_sphere_owners(a), a.feet), (self.ramp, self.hold)
+        return _Program(*robot, *times, batch, count, devices[0].platform)
 
     def _simulate_to_rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""
@@ -134,14 +131,10 @@ class _Program(NamedTuple):
     """All that a compiled batch of simulations depends on, beside its code.
 
     Attributes:
-        size: number of moving parts.
         owner: part of each contact sphere.
         feet: parts whose tips are measured.
         ramp: [s] joints move from 0 to their target.
         hold: [s] then hold.
-        batch: rows in a call.
-        devices: that share them.
-        platform: of the devices.
     """
 
     size: int

@@ -25,7 +25,6 @@ class Plant:
 
     Attributes:
         body: a batch of one.
-        physics: of the articulated simulation.
         torque: (P) largest of each motor [N m].
         speed: (P) fastest that each set point moves [rad/s].
         low: (P) and
@@ -129,12 +128,10 @@ def compute_set_points(
     play = np.array([[p.backlash] for p in plants])
     late = [round(p.delay / period) for p in plants]
     rows = zip(commands, late, start, strict=True)
-    late_commands = np.stack(
-        [
-            np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
-            for c, k, s in rows
-        ]
-    )
+    delayed = [
+        np.concatenate([np.tile(s, (k, 1)), c[: len(c) - k]]) for c, k, s in rows
+    ]
+    late_commands = np.stack(delayed)
     wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
     wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
     motor = limit_rate(wanted.swapaxes(0, 1), speed * period, start)

@@ -1,17 +1,17 @@
 """Readings: what the robot's sensors say at rest, in batches."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, Rows
+from ..body.body import Bodies, Floats, RowBatch
 from .arrays import BodyArrays, pack_robot
 from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
 @dataclass(frozen=True)
-class Readings:
+class Readings(RowBatch):
     """Sensor values at rest; every array has the same leading shape B.
 
     Attributes:
@@ -31,10 +31,6 @@ class Readings:
     channels: Floats
     failed: np.ndarray
 
-    def __getitem__(self, rows: Rows) -> "Readings":
-        """These rows of the leading axis."""
-        return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
-
 
 def compute_readings(
     bodies: Bodies,
@@ -47,7 +43,6 @@ def compute_readings(
     """Readings of bodies at rest.
 
     Args:
-        packed: the same bodies.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].
         tips: (N, F) height of each foot's lowest point [m].

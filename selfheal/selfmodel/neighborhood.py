@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ..body.body import Floats, Ints
+from ..body.body import Floats, Ints, RowBatch
 from ..body.genome import Genomes, build_bodies, concatenate_genomes
 from ..engine.arrays import plan_race
 from .evaluate import Evidence
@@ -28,12 +28,10 @@ _WINDOW = 8.0  # loss behind the best at which belief, exp(-8), is nothing; chos
 
 
 @dataclass(frozen=True)
-class Hypotheses:
+class Hypotheses(RowBatch):
     """Distinct bodies (N), by the body that was simulated and which twin of it.
 
     Attributes:
-        simulated: what was simulated.
-        twins: of the robot.
         row: (N) of the kin.
         turn: (N), and
         trade: (N) that make the twin.
@@ -48,20 +46,6 @@ class Hypotheses:
     trade: Ints
     losses: Floats
     costs: Floats
-
-    def __len__(self) -> int:
-        return len(self.losses)
-
-    def __getitem__(self, rows: Ints) -> "Hypotheses":
-        """Some of them."""
-        return replace(
-            self,
-            row=self.row[rows],
-            turn=self.turn[rows],
-            trade=self.trade[rows],
-            losses=self.losses[rows],
-            costs=self.costs[rows],
-        )
 
     @property
     def genomes(self) -> Genomes:
@@ -116,8 +100,8 @@ class Neighborhood:
             close = np.flatnonzero((loss + e <= best + _WINDOW) & np.isfinite(loss))
             flat = self._distinct[row][close]
             turn, trade = np.divmod(flat, len(self.twins.trade))
-            found.append((np.full_like(flat, row), turn, trade, loss[close],
-                          loss[close] + e))  # fmt: skip
+            costs = loss[close], loss[close] + e
+            found.append((np.full_like(flat, row), turn, trade, *costs))
         columns = [np.concatenate(x) for x in zip(*found, strict=True)]
         order = np.argsort(np.round(columns[-1], 6), kind="stable")
         return Hypotheses(self.bodies, self.twins, *(x[order] for x in columns))

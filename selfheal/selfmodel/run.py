@@ -29,10 +29,9 @@ FORMAT, VERSION = "selfheal-run", 3
 
 @dataclass(frozen=True)
 class Settings:
-    """What a run was asked to do.
+    """What a run does.
 
     Attributes:
-        robot: its name.
         recordings: path of the recording that it answers from, "" if none.
         method: "default", "paper", "disagreement", "random-batch" or
             "random-alternate".
@@ -40,10 +39,8 @@ class Settings:
         known_lengths: whether "full" takes lengths as known.
         random_actions: whether the default method leaves its choice to chance.
         engine: "auto", "statics", "mjx" or "mujoco".
-        cycles: actions to try.
         budget: simulations for the search.
-        seed: of everything random.
-        moves: short moves over time that the dynamics are told from in the end.
+        moves: short moves over time that the dynamics are identified from in the end.
     """
 
     robot: str
@@ -67,11 +64,10 @@ def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One turn of the loop: an action, what it felt, what is believed since.
+    """One turn of the loop: an action, what it measured, what is believed since.
 
     Attributes:
         action: index into the robot's actions.
-        why: one sentence on the choice.
         felt: (C) measured channels, see `engine.channels`; NaN where a sensor gave
             nothing.
         genomes: (K) the rivals, best first.
@@ -106,10 +102,7 @@ class Run:
     """A run, finished or not.
 
     Attributes:
-        settings: what was asked.
-        anatomy: the robot's parts.
         actions: (A, P) joint targets that the robot can try [rad].
-        cycles: so far.
         truth: the hidden body (batch of one), None if nobody knows it.
         counts: simulations by engine, "choice" (spent on choosing), "failed".
         state: arrays and JSON texts that the search goes on from.
