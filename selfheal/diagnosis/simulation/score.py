@@ -94,7 +94,7 @@ def log_errors(
     """Logarithms of the errors of each segment, means over the channels.
 
     Minus the log predictive density per reading, of scales that nobody knows. What
-    noise makes of an error is added to it, for less than that tells nothing.
+    noise makes of an error is added to it, for less than that means nothing.
 
     Args:
         values: (P) of the parameters of the terms, which the given model lacks.
