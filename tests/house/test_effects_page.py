@@ -15,7 +15,6 @@ from selfheal.api import diagnose
 from selfheal.diagnosis import diagnose as search
 from selfheal.diagnosis import effects
 from selfheal.diagnosis.effects import GROUPS, load_catalogue
-from selfheal.diagnosis.effects.markdown import format_catalogue, format_effect
 from selfheal.diagnosis.output.document import format_document, list_parameters
 from selfheal.diagnosis.output.replay import replay_recording
 from selfheal.diagnosis.output.schema import check_entries
@@ -23,7 +22,11 @@ from selfheal.diagnosis.simulation import score
 from selfheal.errors import InputError
 from selfheal.recording import write
 from selfheal.report.phrases import state_verdict
-from tests.support.effects_page import make_effects_page
+from tests.support.effects_page import (
+    format_catalogue,
+    format_effect,
+    make_effects_page,
+)
 from tests.support.paths import DOCS
 from tests.support.recorded_robots import ROBOTS, bench, record
 

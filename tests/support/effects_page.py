@@ -3,8 +3,10 @@
 `python -m tests.support.effects_page` writes the page anew.
 """
 
-from selfheal.diagnosis.effects import load_catalogue
-from selfheal.diagnosis.effects.markdown import format_catalogue
+from collections.abc import Iterable
+
+from selfheal.diagnosis.effects import GROUPS, load_catalogue
+from selfheal.diagnosis.effects.base import Effect
 from tests.support.paths import DOCS
 
 HEAD = """# Effects
@@ -19,6 +21,32 @@ No name is ever changed. New are `gravity_compensation`, `clock_shift`,
 `torque_constant`, `velocity_feedforward`, `dead_band`, `base_compliance` and
 `thermal_derating`.
 """
+# what a group's heading is followed by
+NOTES = {
+    "measurement": "\nA reading is round to step (gain x true(t - delay) + bias).\n",
+}
+
+
+def format_catalogue(effects: Iterable[Effect]) -> str:
+    """A heading for each group that the contract has, and its effects below it."""
+    every, parts = list(effects), []
+    for group in GROUPS:
+        parts.append(f"\n## {group.capitalize()}\n{NOTES.get(group, '')}")
+        parts += [format_effect(e) for e in every if e.group == group]
+    return "".join(parts)
+
+
+def format_effect(effect: Effect) -> str:
+    """A heading, the description, the equation, and what the effect declares."""
+    names = [f"{p.name} [{p.unit or 'its unit'}]" for p in effect.parameters]
+    acts = "native" if effect.is_native else "by `replay`"
+    return (
+        f"\n### `{effect.name}`\n\n{effect.description}\n\n    {effect.equation}\n\n"
+        f"- at: {effect.target_kinds[0]}; {acts}\n"
+        f"- parameters: {', '.join(names) or 'none'}\n"
+        f"- source: {effect.source}\n"
+        f"- to distinguish it: {effect.separate_by}\n"
+    )
 
 
 def make_effects_page() -> str:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 # share of a parameter's scale within which it counts as its nominal value; chosen:
-# below any change that a fit tells from rounding
+# below any change that a fit distinguishes from rounding
 ABSENT_TOLERANCE = 1e-6
 # share of a parameter's range within which it is at its bound; chosen
 BOUND_SHARE = 0.01
@@ -139,7 +139,7 @@ class Term:
 
     @property
     def key(self) -> tuple:
-        """What tells it from other candidates, whatever its initial values."""
+        """What distinguishes it from other candidates, whatever its initial values."""
         return self.effect.name, self.targets, tuple(self.finding_fields.items())
 
     @property
@@ -165,7 +165,7 @@ class Effect(ABC):
         description: one sentence on what happens.
         equation: of the effect, in ASCII.
         source: of the equation: a paper, or MuJoCo's element and attribute.
-        separate_by: an experiment that tells it from effects with like motions.
+        separate_by: an experiment that distinguishes it from effects with like motions.
         phrase: clause of the report. `{at}` stands for the target, a parameter's name
             for its value, `{all}` for all values, `{lacks}` and `{other}` for the
             difference to the model. Empty: "TARGET shows NAME that the model lacks".

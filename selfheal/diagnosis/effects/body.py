@@ -102,7 +102,7 @@ class ComShift(BodyEffect, ModelEdit[BodyPlace]):
     log_odds = SELDOM
 
     def propose_at(self, robot: RobotSummary, body: MovingBody) -> Proposal | None:
-        """None, from which a fit may go either way; one each way tells its response."""
+        """Begin at none, from which a fit may go either way, then one on each axis."""
         if not body.mass:
             return None
         reach = body.size
@@ -159,7 +159,7 @@ class MountShift(BodyEffect, ModelEdit[BodyPlace]):
         return Proposal(bound_shift(self, reach), tuple(map(tuple, starts)))
 
     def propose_terms(self, robot: RobotSummary) -> list[Term]:
-        """One term at each body, and one at all that hang on the same parent."""
+        """One term at each body, and one at all that have the same parent."""
         found = super().propose_terms(robot)
         by_parent: dict[int, list[Term]] = {}
         for term in found:
@@ -178,7 +178,7 @@ class LimbLoss(BodyEffect, ModelEdit[BodyPlace]):
     """A lost limb; its joints keep as much of a rotor as their servos need."""
 
     name = "limb_loss"
-    description = "The part, and all that hung on it, is gone."
+    description = "The part, and all that was attached to it, is gone."
     equation = "mass and contacts of the part are zero"
     source = "Bongard, Zykov, Lipson 2006: damage"
     separate_by = "load the joint above it"

@@ -39,10 +39,10 @@ def torque_scale(robot: RobotSummary, joint: Joint) -> float:
     """Torque [N m or N] in which bounds of a joint's torques are given.
 
     The joint's typical torque does not count what motors give, so a third of what they
-    were asked for at most does.
+    were commanded at most does.
     """
-    asked = [a.max_force / 3 for a in robot.actuators if a.dof == joint.dof]
-    return max([joint.torque, *asked])
+    commanded = [a.max_force / 3 for a in robot.actuators if a.dof == joint.dof]
+    return max([joint.torque, *commanded])
 
 
 class FrictionEffect(JointEffect):

@@ -92,7 +92,7 @@ def add_mass(model: "MjModel", body: int, mass: float, at: Floats) -> None:
 
 
 def stretch_body(model: "MjModel", body: int, axis: Floats, ratio: float) -> None:
-    """Scale a body along an axis: its mass, geoms, sites, and where children hang.
+    """Scale a body along an axis: its mass, geoms, sites, and its children's places.
 
     The mass stays; its second moments scale with the square of the ratio.
 

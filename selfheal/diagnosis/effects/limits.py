@@ -171,16 +171,10 @@ class TorqueSaturation(ActuatorEffect, ModelEdit[ActuatorPlace]):
 
 def find_nominal_limit(model: "MjModel", actuator: int) -> float:
     """The largest torque [N m or N] that a model lets an actuator give; or infinity."""
-    gear = abs(model.actuator_gear[find_output(model, actuator), 0])
-    limits = [np.inf]
-    if model.actuator_forcelimited[actuator]:
-        limits.append(gear * np.abs(model.actuator_forcerange[actuator]).max())
-    if (control := _find_limited_control(model, actuator)) >= 0:
-        gain = abs(model.actuator_gainprm[actuator, 0])
-        limits.append(gear * gain * np.abs(model.actuator_ctrlrange[control]).max())
-    if (joint := _find_limited_joint(model, actuator)) >= 0:
-        limits.append(np.abs(model.jnt_actfrcrange[joint]).max())
-    return float(min(limits))
+    limits = _list_limits(model, actuator)
+    return float(
+        min([scale * np.abs(ends).max() for ends, scale in limits] or [np.inf])
+    )
 
 
 def widen_limits(model: "MjModel", actuator: int, limit: float) -> None:
@@ -189,17 +183,25 @@ def widen_limits(model: "MjModel", actuator: int, limit: float) -> None:
     Args:
         limit: torque [N m or N] that none of them may be below.
     """
-    gear = abs(model.actuator_gear[find_output(model, actuator), 0])
+    for ends, scale in _list_limits(model, actuator):
+        ends[:] *= max(1.0, limit / (scale * np.abs(ends).max()))
+
+
+def _list_limits(model: "MjModel", actuator: int) -> list[tuple[Floats, float]]:
+    """Ranges (2) in a model that limit an actuator, and the torque of one of its unit.
+
+    They are its force's, its one command's and its joint's.
+    """
+    gear = abs(float(model.actuator_gear[find_output(model, actuator), 0]))
     ranges = []
     if model.actuator_forcelimited[actuator]:
         ranges.append((model.actuator_forcerange[actuator], gear))
     if (control := _find_limited_control(model, actuator)) >= 0:
-        gain = abs(model.actuator_gainprm[actuator, 0])
+        gain = abs(float(model.actuator_gainprm[actuator, 0]))
         ranges.append((model.actuator_ctrlrange[control], gear * gain))
     if (joint := _find_limited_joint(model, actuator)) >= 0:
         ranges.append((model.jnt_actfrcrange[joint], 1.0))
-    for ends, factor in ranges:
-        ends[:] *= max(1.0, limit / (factor * np.abs(ends).max()))
+    return ranges
 
 
 def _find_limited_control(model: "MjModel", actuator: int) -> int:

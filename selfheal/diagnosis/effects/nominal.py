@@ -217,8 +217,8 @@ def _list_lengths(
 ) -> Iterator[tuple[str, Floats, float]]:
     """Names, axes (3) and values [m] of the lengths that a body has.
 
-    A link has one. A box has three, that matter where something touches it or hangs on
-    it.
+    A link has one. A box has three, that matter where something touches it or is
+    attached to it.
     """
     if body.length > MIN_LINK_SHARE * body.size:
         axis, length = find_link_axis(robot.model, body.id)

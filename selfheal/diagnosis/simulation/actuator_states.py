@@ -1,6 +1,7 @@
 """States of actuators: takes past commands and readings, gives what they came to."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import accumulate
 
@@ -114,20 +115,13 @@ def integrate_servo_errors(
     return errors
 
 
+@dataclass(frozen=True)
 class _IntegratingServo:
-    """A servo that integrates its error, as an effect says.
+    """A servo that integrates its error, at a place in the given model."""
 
-    `place` is the servo's in the given model, `variant` the hypotheses'.
-    """
-
-    def __init__(
-        self,
-        system: RecordedSystem,
-        variant: ModelVariant,
-        place: IntegratorPlace,
-    ) -> None:
-        self.system = system
-        self.variant, self.place = variant, place
+    system: RecordedSystem
+    variant: ModelVariant
+    place: IntegratorPlace
 
     def integrate(
         self, segments: Segments, model: mujoco.MjModel, gain: float, bound: float

@@ -27,8 +27,8 @@ class SimulationCache:
     of its own.
 
     A value goes with the segments that it belongs to: they are known by identity, and
-    held weakly. Beyond `limit` numbers in all, the segments go whose values were asked
-    for the longest time ago.
+    held weakly. Beyond `limit` numbers in all, the segments go whose values were used
+    the longest time ago.
     """
 
     def __init__(self, limit: int = MAX_CACHED_NUMBERS) -> None:
@@ -46,7 +46,7 @@ class SimulationCache:
         """What `compute` gives, kept under `key` while the segments live.
 
         Args:
-            key: tells it from the other values of these segments.
+            key: of this value among those of these segments.
             compute: gives the value; called where it is not kept.
         """
         entry = self._entries.pop(segments, None) or _Entry({})

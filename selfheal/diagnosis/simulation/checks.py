@@ -115,8 +115,7 @@ def find_divergence(
     The time is found by bisection of the first diverging segment.
 
     Args:
-        terms: effects that the given model lacks.
-        values: (P) of the terms' parameters.
+        values: (P) of the parameters of the terms, which the given model lacks.
 
     Returns:
         Count, id of the episode, time in the episode [s] to within two steps; 0, "",

@@ -44,7 +44,7 @@ COARSENINGS = (4, 3, 2)  # steps of the model in one of a fit's simulation; chos
 MAX_COARSENING_ERROR = 0.1
 COARSENING_SEGMENTS = 8  # in which that is measured; chosen: 16 s
 STEP_TOLERANCE = 1e-3  # [steps] between samples; chosen: rounding of times
-# below these a diagnosis is refused; chosen: what is left tells nothing from noise
+# below these a diagnosis is refused; chosen: what is left may be noise
 MIN_SNR = 3.0  # standard deviation of a signal over that of its noise
 MIN_SEGMENTS = 3  # of the short ones
 

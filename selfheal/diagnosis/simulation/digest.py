@@ -142,7 +142,7 @@ class Digester:
 
 
 def _tag(kind: str, *about: object) -> bytes:
-    """What tells a value's kind and size from others, ended by a zero byte."""
+    """A value's kind and size, ended by a zero byte."""
     return f"{kind}:{about!r}\0".encode()
 
 

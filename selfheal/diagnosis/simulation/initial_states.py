@@ -1,5 +1,7 @@
 """Initial states of a batch: takes hypotheses and segments, gives where each begins."""
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
@@ -16,6 +18,7 @@ from .batch import BatchState, Hypotheses
 from .system import RecordedSystem
 
 
+@dataclass(frozen=True, eq=False)
 class InitialStates:
     """Computes the initial states of n hypotheses in W segments, N = n W simulations.
 
@@ -24,15 +27,9 @@ class InitialStates:
     added joints) follows from the past commands or from the load at the beginning.
     """
 
-    def __init__(
-        self,
-        system: RecordedSystem,
-        hypotheses: Hypotheses,
-        segments: Segments,
-    ) -> None:
-        """What the states are of."""
-        self.system = system
-        self.hypotheses, self.segments = hypotheses, segments
+    system: RecordedSystem
+    hypotheses: Hypotheses
+    segments: Segments
 
     def compute(self, initial_state_offset: Floats | None) -> BatchState:
         """Initial states of the N simulations, all segments of a hypothesis in a row.

@@ -38,8 +38,7 @@ def square_errors(
     Of an orientation's two signs, the one nearer to the reading counts.
 
     Args:
-        terms: effects that the given model lacks.
-        values: (P) of the terms' parameters.
+        values: (P) of the parameters of the terms, which the given model lacks.
 
     Returns:
         (M, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
@@ -70,8 +69,7 @@ def sum_squared_errors(
 
     Args:
         simulator: with E episodes and S channels.
-        terms: effects that the given model lacks.
-        values: (P) of the terms' parameters.
+        values: (P) of the parameters of the terms, which the given model lacks.
 
     Returns:
         (E, S) [each channel's unit^2]; NaN where nothing was read, infinite where the
@@ -96,11 +94,10 @@ def log_errors(
     """Logarithms of the errors of each segment, means over the channels.
 
     Minus the log predictive density per reading, of scales that nobody knows. What
-    noise makes of an error is added to it, for less than that tells nothing.
+    noise makes of an error is added to it, for less than that means nothing.
 
     Args:
-        terms: effects that the given model lacks.
-        values: (P) of the terms' parameters.
+        values: (P) of the parameters of the terms, which the given model lacks.
 
     Returns:
         (W) [nats] of root mean squares in standard deviations of each channel; infinite

@@ -72,7 +72,6 @@ class Simulator(RecordedSystem):
         four times as long.
 
         Args:
-            terms: effects that the given model lacks.
             values: (n, P) of all terms' parameters, a row a hypothesis.
             initial_state_offset: (n, W, 2 nv) added to the initial states, positions
                 and then velocities in the given model's degrees of freedom [rad or m,
@@ -81,26 +80,25 @@ class Simulator(RecordedSystem):
         Returns:
             (n, M, C) readings [each channel's unit]; NaN after a hypothesis diverged.
         """
-        values = np.atleast_2d(values)
-        if not any(t.onset for t in terms):
-            return self._simulate_in_batches(
-                terms, values, segments, initial_state_offset
-            )
+        values, offset = np.atleast_2d(values), initial_state_offset
         is_active = self.find_active_terms(terms, segments)
-        term_of_value = np.repeat(
-            np.arange(len(terms)), [len(t.parameters) for t in terms]
-        )
+        of_value = np.repeat(is_active, [len(t.parameters) for t in terms], axis=1)
         predicted = np.empty((len(values), *segments.readings.shape))
         for active in np.unique(is_active, axis=0):
             chosen = np.flatnonzero((is_active == active).all(axis=1))
-            predicted[:, segments.find_sample_rows(chosen)] = self._simulate_in_batches(
-                [t for t, acts in zip(terms, active, strict=True) if acts],
-                values[:, active[term_of_value]],
-                self.select_segments(segments, chosen),
-                None
-                if initial_state_offset is None
-                else initial_state_offset[:, chosen],
-            )
+            acting = [t for t, acts in zip(terms, active, strict=True) if acts]
+            own = values[:, of_value[chosen[0]]]
+            part, rows = segments, np.arange(len(segments.readings))
+            if len(chosen) < len(segments):
+                part = self.select_segments(segments, chosen)
+                rows = segments.find_sample_rows(chosen)
+            for some in self._split(len(values), part):
+                predicted[some, rows] = self._simulate_batch(
+                    acting,
+                    own[some],
+                    part,
+                    None if offset is None else offset[some][:, chosen],
+                )
         return predicted
 
     def find_active_terms(
@@ -126,32 +124,11 @@ class Simulator(RecordedSystem):
             segments, key, lambda: segments.select(chosen)
         )
 
-    def _simulate_in_batches(
-        self,
-        terms: Sequence[Term],
-        values: Floats,
-        segments: Segments,
-        initial_state_offset: Floats | None,
-    ) -> Floats:
-        """Simulate terms without an onset, as many hypotheses at once as memory holds.
-
-        Arguments and result are those of `simulate`.
-        """
-        size = (
-            len(segments) * (int(segments.lengths.max()) + 2) * self._numbers_per_step
-        )
-        count = max(1, int(MAX_BATCH_NUMBERS / size))
-        predicted = np.empty((len(values), *segments.readings.shape))
-        for i in range(0, len(values), count):
-            some = slice(i, i + count)
-            offset = initial_state_offset
-            predicted[some] = self._simulate_batch(
-                terms,
-                values[some],
-                segments,
-                None if offset is None else offset[some],
-            )
-        return predicted
+    def _split(self, count: int, segments: Segments) -> list[slice]:
+        """Split some hypotheses into as many at once as memory holds."""
+        steps = len(segments) * (int(segments.lengths.max()) + 2)
+        size = max(1, int(MAX_BATCH_NUMBERS / (steps * self._numbers_per_step)))
+        return [slice(i, i + size) for i in range(0, count, size)]
 
     @cached_property
     def _numbers_per_step(self) -> int:
@@ -168,7 +145,7 @@ class Simulator(RecordedSystem):
         segments: Segments,
         initial_state_offset: Floats | None,
     ) -> Floats:
-        """Simulate all hypotheses at once; arguments and result as of `simulate`."""
+        """Simulate terms without an onset at once; arguments as of `simulate`."""
         self.counter.add(len(values) * len(segments))
         hypotheses = self.build_hypotheses(terms, values, self.centered)
         initial = InitialStates(self, hypotheses, segments).compute(
@@ -201,7 +178,6 @@ class Simulator(RecordedSystem):
         """Build the models of n hypotheses.
 
         Args:
-            terms: effects that the given model lacks.
             values: (n, P) of all terms' parameters, a row a hypothesis.
             centered: as `Simulator` has it.
         """

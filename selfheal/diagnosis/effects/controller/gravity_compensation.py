@@ -38,7 +38,7 @@ class BodiesPlace(Place):
 
 
 class GravityCompensation(WorldEffect, ModelEdit[BodiesPlace]):
-    """One value for the bodies that hang on the joints of a fixed base.
+    """One value for the bodies that the joints of a fixed base carry.
 
     Where bodies state several values, those with the value that most of the mass has
     are changed, and the others keep theirs.

@@ -72,14 +72,14 @@ def _slope(u: Floats, step: float) -> Floats:
 
 
 class DeadBand(ActuatorEffect, JointForce[ActuatorPlace]):
-    """A dead zone of what a servo's error, or a motor's command, asks for."""
+    """A dead zone of the force that a servo's error, or a motor's command, gives."""
 
     name = "dead_band"
-    description = "What is asked for below a width does nothing, and more acts less."
+    description = "What is commanded below a width does nothing, and more acts less."
     equation = "tau = p - min(max(p, -width), width), p = kp (ctrl - q), or kp ctrl"
     source = "Tao, Kokotovic 1996, Adaptive Control of Systems, dead zone"
     separate_by = "command small steps about a pose without load"
-    phrase = "{at} does nothing below {width} of what it is asked for"
+    phrase = "{at} does nothing below {width} of what it is commanded"
     parameters = (ParameterSpec("width", "N m", nominal=0.0, nonnegative=True),)
     log_odds = SELDOM
     needs = frozenset({"gainprm", "biasprm", "actuator_length"})
@@ -107,9 +107,9 @@ class DeadBand(ActuatorEffect, JointForce[ActuatorPlace]):
         a, (control,) = place.actuator, place.controls
         gain, bias = state.gainprm[:, a, 0], state.biasprm[:, a]
         length = state.actuator_length[:, place.output]
-        asked = gain * state.ctrl[:, control] + bias[:, 0] + bias[:, 1] * length
+        force = gain * state.ctrl[:, control] + bias[:, 0] + bias[:, 1] * length
         width = values[:, 0] / abs(place.gear)
-        state.ctrl[:, control] -= np.clip(asked, -width, width) / gain
+        state.ctrl[:, control] -= np.clip(force, -width, width) / gain
 
 
 @dataclass(frozen=True, kw_only=True)
