@@ -76,10 +76,8 @@ class LoopClosure:
         """
         model = self._model
         is_read = np.isfinite(qpos)
-        free = np.concatenate([
-            np.full(_DOF_SIZES[int(model.jnt_type[j])], not is_read[q])
-            for j, q in enumerate(model.jnt_qposadr)
-        ])  # fmt: skip
+        is_free = ~is_read[model.jnt_qposadr]
+        free = np.repeat(is_free, np.diff([*model.jnt_dofadr, model.nv]))
         begin = self._pose.copy()
         for share in (
             np.linspace(0, 1, APPROACH_STEPS + 1)[1:] if self._is_first else [1]
@@ -123,9 +121,6 @@ class LoopClosure:
         count = self._data.ne
         jacobian = np.array(self._data.efc_J).reshape(-1, self._model.nv)[:count]
         return np.array(self._data.efc_pos[:count]), jacobian
-
-
-_DOF_SIZES = {0: 6, 1: 3, 2: 1, 3: 1}  # mjtJoint: free, ball, slide, hinge
 
 
 def _find_dofs(model: "MjModel") -> np.ndarray:

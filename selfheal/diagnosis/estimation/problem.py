@@ -10,6 +10,7 @@ from them where initial states are marginalized (`marginalization`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -205,7 +206,7 @@ class Problem:
         edges = np.searchsorted(
             self.segment_of_residual, np.arange(len(self.segments) + 1)
         )
-        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(edges)]
 
     @property
     def with_half_step(self) -> "Problem":
