@@ -60,6 +60,8 @@ class Information:
         Each would be known well if the others were: beside them its variance is ten
         times as large (Marquardt 1970). Of a stated value half of the prior's is left.
         """
+        from scipy.sparse.csgraph import connected_components
+
         known = self.gram.sum(axis=0) / max(self.variance, np.finfo(float).tiny)
         precision = known + np.diag(self.prior)
         size = np.sqrt(np.diag(precision))
@@ -74,12 +76,10 @@ class Information:
         chosen = np.flatnonzero(is_open)
         root = np.sqrt(inflation[chosen])
         correlation = covariance[np.ix_(chosen, chosen)] / np.outer(root, root)
-        groups = _group(np.abs(correlation) > MIN_CORRELATION)
-        return [
-            tuple(self.parameters[shown[chosen[i]]] for i in g)
-            for g in groups
-            if len(g) > 1
-        ]
+        is_linked = np.abs(correlation) > MIN_CORRELATION
+        count, label = connected_components(is_linked, directed=False)
+        groups = [shown[chosen[label == k]] for k in range(count)]
+        return [tuple(self.parameters[i] for i in g) for g in groups if len(g) > 1]
 
 
 def _name_parameters(terms: tuple[Term, ...]) -> Iterator[str]:
@@ -88,11 +88,3 @@ def _name_parameters(terms: tuple[Term, ...]) -> Iterator[str]:
         for p in term.parameters:
             own = "" if term.effect.name == "stated" else f"/{p.name}"
             yield term.targets[0] + own
-
-
-def _group(linked: np.ndarray) -> list[list[int]]:
-    """Connected components of a graph (n, n)."""
-    from scipy.sparse.csgraph import connected_components
-
-    count, label = connected_components(linked, directed=False)
-    return [np.flatnonzero(label == k).tolist() for k in range(count)]
