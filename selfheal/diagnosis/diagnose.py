@@ -42,7 +42,7 @@ from .selection.replay_scores import HeldOutScores, explainable_removed
 from .selection.search_record import Progress, SearchRecord
 from .selection.search_state import SearchState
 from .selection.stated_values import hold_stated, round_effects
-from .selection.structure import analyze_remaining
+from .selection.structure import RemainingStructure, analyze_remaining
 from .selection.time_left import Stage, TimeLeft
 from .selection.verdict import (
     Outcome,
@@ -199,19 +199,27 @@ class _Stages:
             found = leave_bounds(dataset, refined)
         return dataset, found
 
-    def answer(self, begun: float) -> Diagnosis:
-        """Stages 4 and 5: which names hold in held-out episodes, and the answer.
-
-        Args:
-            begun: `time.monotonic()` [s] when all of it began.
-        """
-        (dataset, found), record = self.refined, self.record
-        record.enter(Stage.TESTS, "testing what was found on the held-out episodes")
+    @cached_property
+    def tested(self) -> tuple[Hypothesis, tuple[str, ...]]:
+        """Stage 4: the names that hold in held-out episodes, and labels of others."""
+        dataset, found = self.refined
+        what = "testing what was found on the held-out episodes"
+        self.record.enter(Stage.TESTS, what)
         found, refuted = drop_refuted(dataset.held_out, found)
-        found = round_effects(found)
-        record.enter(Stage.TESTS, "looking for what has no name")
-        structure = analyze_remaining(dataset, found)
-        if explains_too_little(structure):
+        return round_effects(found), refuted
+
+    @cached_property
+    def structure(self) -> RemainingStructure:
+        """What the names leave."""
+        (dataset, _), (found, _) = self.refined, self.tested
+        self.record.enter(Stage.TESTS, "looking for what has no name")
+        return analyze_remaining(dataset, found)
+
+    @cached_property
+    def scores(self) -> tuple[HeldOutScores, tuple[str, ...], bool]:
+        """Held-out scores of the answer, labels of names that go, if these harm."""
+        (dataset, _), (found, refuted) = self.refined, self.tested
+        if explains_too_little(self.structure):
             found = drop_names(found)
         scores = HeldOutScores.compute(dataset, found)
         is_worse = bool(found.named) and (
@@ -223,6 +231,16 @@ class _Stages:
             scores = HeldOutScores.compute(dataset, drop_names(found))
         if not scores.hypothesis.named and predicts_worse(scores):
             scores = HeldOutScores.compute(dataset, hold_stated(scores.hypothesis))
+        return scores, refuted, is_worse
+
+    def answer(self, begun: float) -> Diagnosis:
+        """Stage 5: the verdict, with signals that are rounded, and all that it is of.
+
+        Args:
+            begun: `time.monotonic()` [s] when all of it began.
+        """
+        (dataset, _), record = self.refined, self.record
+        structure, (scores, refuted, is_worse) = self.structure, self.scores
         count = len(scores.hypothesis.named)
         found = name_quantization(scores.hypothesis, dataset.robot)
         if len(found.named) > count:

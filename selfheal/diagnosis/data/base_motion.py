@@ -9,7 +9,7 @@ it is, and where it heads for, change nothing, and are 0 where an episode begins
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,20 +18,24 @@ from .robot_summary import Channel
 
 if TYPE_CHECKING:
     from mujoco import MjModel
+    from scipy.spatial.transform import Rotation
 
 GYROSCOPE, ACCELEROMETER = 3, 1  # mjtSensor
-TILT_SECONDS = 1.0  # [s] in which a tilt is told; chosen: a gyroscope hardly drifts
+TILT_SECONDS = 1.0  # [s] of a tilt's estimate; chosen: a gyroscope hardly drifts
 # [rad], [m], [m/s] standard errors of these estimates; chosen: what walking leaves
 TILT_STD, HEIGHT_STD, SPEED_STD = 0.01, 0.002, 0.05
 PLACE_STD = 1e-6  # [m or rad] of place and heading; chosen: they change nothing
-MIN_SAMPLES = 3  # of which a slope is told; chosen: the fewest
+MIN_SAMPLES = 3  # of which a slope can be had; chosen: the fewest
 ORIENTATION_ITERATIONS = 2  # velocities change orientations by little; chosen
-DEPTH_MOMENTS, MAX_DEPTH = 9, 0.05  # at which depths of contacts are told, [m]; chosen
+DEPTH_MOMENTS, MAX_DEPTH = (
+    9,
+    0.05,
+)  # of depths of contacts, [m]; chosen
 STANCE_HEIGHT = 0.01  # [m] above the lowest point of what stands; chosen: tilt's error
 # of its weight, what carries a robot that touches the ground at least; chosen
 MIN_SUPPORT_SHARE = 0.5
 SUPPORT_SECONDS = 0.1  # [s] over which that is averaged; chosen: impacts are shorter
-GROUND_MARGIN = 100.0  # [m] in which distances from the ground are told; chosen: any
+GROUND_MARGIN = 100.0  # [m] in which distances from the ground are found; chosen: any
 MAX_SLOPE = 1e-3  # [rad] of a level ground; chosen: below the tilt's error
 
 
@@ -67,12 +71,10 @@ class BaseMotion:
         for states, first, known in (qpos, q, self.qpos), (qvel, v, self.qvel):
             for k, values in enumerate(known.T, first):
                 estimate = np.interp(rows, samples, values)
-                states[:, k] = np.where(
-                    np.isfinite(states[:, k]), states[:, k], estimate
-                )
-        qpos[:, q + 3 : q + 7] /= np.linalg.norm(
-            qpos[:, q + 3 : q + 7], axis=1, keepdims=True
-        )
+                column = states[:, k]
+                states[:, k] = np.where(np.isfinite(column), column, estimate)
+        turn = qpos[:, q + 3 : q + 7]
+        turn /= np.linalg.norm(turn, axis=1, keepdims=True)
         for first, errors in (v, self.std[:6]), (model.nv + v, self.std[6:]):
             part = std[:, first : first + 6]
             part[:] = np.where(np.isfinite(part), part, errors)
@@ -131,10 +133,8 @@ def estimate_base_motion(
             velocity = orientation.inv().apply(qvel[:, v : v + 3])
     if force is not None:
         qpos[~_is_carried(model, force, time), q] = np.nan
-    std = np.r_[
-        PLACE_STD, PLACE_STD, HEIGHT_STD, TILT_STD, TILT_STD, PLACE_STD,
-        np.full(3, SPEED_STD), rate_noise,
-    ]  # fmt: skip
+    pose = [PLACE_STD, PLACE_STD, HEIGHT_STD, TILT_STD, TILT_STD, PLACE_STD]
+    std = np.r_[pose, np.full(3, SPEED_STD), rate_noise]
     return BaseMotion(joint, qpos[:, q : q + 7], qvel[:, v : v + 6], std)
 
 
@@ -143,9 +143,9 @@ def _is_carried(model: "MjModel", force: Floats, time: Floats) -> np.ndarray:
     from scipy.ndimage import uniform_filter1d
 
     samples = max(1, round(SUPPORT_SECONDS / np.median(np.diff(time))))
-    felt = uniform_filter1d(np.linalg.norm(force, axis=1), samples)
+    measured = uniform_filter1d(np.linalg.norm(force, axis=1), samples)
     weight = np.linalg.norm(model.opt.gravity)
-    return np.array(felt > MIN_SUPPORT_SHARE * weight)
+    return np.array(measured > MIN_SUPPORT_SHARE * weight)
 
 
 def _is_ground_level(model: "MjModel") -> bool:
@@ -201,7 +201,7 @@ def _read_in_base(
     return None, np.zeros(3)
 
 
-def integrate_turns(rate: Floats, time: Floats) -> Any:
+def integrate_turns(rate: Floats, time: Floats) -> "Rotation":
     """Rotations (T) from each moment's frame to the first one's.
 
     Args:
@@ -217,7 +217,9 @@ def integrate_turns(rate: Floats, time: Floats) -> Any:
     return Rotation.concatenate(turned)
 
 
-def find_orientation(turned: Any, force: Floats, velocity: Floats, time: Floats) -> Any:
+def find_orientation(
+    turned: "Rotation", force: Floats, velocity: Floats, time: Floats
+) -> "Rotation":
     """Rotations (T) of an IMU from its turns, its specific force and its velocity.
 
     In the frame that the turns give, what force adds beyond the velocity is weight:
@@ -323,13 +325,13 @@ class _LegOdometry:
 
         data, (q, v) = self._data, self._first
 
-        def lack(depth: float) -> float:
+        def find_force(depth: float) -> float:
             """Force that has to hold the robot at rest there [N]."""
             data.qpos[:], data.qvel[:], data.qacc[:] = qpos, 0.0, 0.0
             data.qpos[q + 2] -= depth
             mujoco.mj_inverse(self._given, data)
             return float(data.qfrc_inverse[v + 2])
 
-        if lack(0.0) <= 0 or lack(MAX_DEPTH) >= 0:
+        if find_force(0.0) <= 0 or find_force(MAX_DEPTH) >= 0:
             return 0.0
-        return float(brentq(lack, 0.0, MAX_DEPTH, xtol=1e-5))
+        return float(brentq(find_force, 0.0, MAX_DEPTH, xtol=1e-5))

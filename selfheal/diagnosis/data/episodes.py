@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 
@@ -120,12 +120,19 @@ def build_channels(
         readings[:, ~is_read] = 1.0
         scatter = np.sqrt(_pool_scatter(episodes, name))
         channel = Channel(
-            name, kind, target, unit, width, first,
+            name,
+            kind,
+            target,
+            unit,
+            width,
+            first,
             spread=max(float(np.sqrt(np.nanvar(readings, axis=0).sum())), MIN_SPREAD),
             max_abs=float(np.nanmax(np.abs(readings))) or MIN_SPREAD,
             quantum=_find_quantum(readings) if width == 1 else 0.0,
-            scatter=scatter, noise=scatter, ar1=np.zeros(width),
-        )  # fmt: skip
+            scatter=scatter,
+            noise=scatter,
+            ar1=np.zeros(width),
+        )
         noise = np.maximum(scatter, channel.rounding_noise)
         channels.append(replace(channel, noise=noise))
         first += width
@@ -184,7 +191,7 @@ def _pool_scatter(episodes: Sequence[Episode], name: str) -> Floats:
 
     It is a mean, of which outliers are clipped: a median would take the noise of a
     robot at rest for the noise of the robot. A column that is never read has the mean
-    of the others, as it is asked for nothing.
+    of the others, as nothing depends on it.
     """
     squares = []
     for episode in episodes:
@@ -262,11 +269,23 @@ def _remove_sign_jumps(quaternion: Floats) -> Floats:
     return out
 
 
-def _grid_commands(at: Floats, ctrl: Floats) -> dict[str, Any]:
-    """Both grids of `SampledEpisode` of commands (T, nu) sent at times `at` [steps]."""
+class _Grids(TypedDict):
+    """Both grids of commands of a `SampledEpisode`."""
+
+    ctrl: Floats
+    ctrl_centered: Floats
+
+
+def _grid_commands(at: Floats, ctrl: Floats) -> _Grids:
+    """Both grids of `SampledEpisode` of commands (T, nu) sent at times `at` [steps].
+
+    Centered ones are over steps that begin half a step earlier; the first command holds
+    before 0.
+    """
+    centered = np.append(-0.5, at[1:]) + 0.5
     return {
         "ctrl": _average_over_steps(at, ctrl),
-        "ctrl_centered": _average_centered(at, ctrl),
+        "ctrl_centered": _average_over_steps(centered, ctrl),
     }
 
 
@@ -285,15 +304,8 @@ def _average_over_steps(at: Floats, ctrl: Floats) -> Floats:
     """
     steps = int(np.ceil(at[-1])) + 2
     ends = np.append(at[1:], max(at[-1] + 1, steps + 1.0))
-    total = np.vstack(
-        [np.zeros(ctrl.shape[1]), np.cumsum(ctrl * (ends - at)[:, None], 0)]
-    )
-    knots = np.append(at, ends[-1])
+    sums = np.cumsum(ctrl * (ends - at)[:, None], 0)
+    total, knots = np.vstack([np.zeros(ctrl.shape[1]), sums]), np.append(at, ends[-1])
     edges = np.arange(steps + 1.0)
     at_edges = [np.interp(edges, knots, total[:, i]) for i in range(ctrl.shape[1])]
     return np.diff(np.array(at_edges).reshape(ctrl.shape[1], steps + 1), axis=1).T
-
-
-def _average_centered(at: Floats, ctrl: Floats) -> Floats:
-    """Average over steps that begin half a step earlier; the first holds before 0."""
-    return _average_over_steps(np.append(-0.5, at[1:]) + 0.5, ctrl)

@@ -59,10 +59,9 @@ class LocalPolynomials:
     @classmethod
     def concatenate(cls, parts: Sequence["LocalPolynomials"]) -> "LocalPolynomials":
         """Put the polynomials of several signals side by side."""
-        return cls(*(
-            np.concatenate([getattr(p, f.name) for p in parts], axis=1)
-            for f in fields(cls)
-        ))  # fmt: skip
+        names = [f.name for f in fields(cls)]
+        each = ([getattr(p, name) for p in parts] for name in names)
+        return cls(*(np.concatenate(x, axis=1) for x in each))
 
     def refit_first_samples(
         self, time: Floats, readings: Floats, usual_scatter: Floats
@@ -184,10 +183,9 @@ def _fit_first_samples(time: Floats, readings: Floats, m: int) -> LocalPolynomia
 def _make_empty(readings: Floats, m: int) -> LocalPolynomials:
     """Polynomials of readings (T, C), all of them unknown."""
     shape = readings.shape
-    return LocalPolynomials(
-        np.full((*shape, 3), np.nan), np.full(shape, np.nan), np.full(shape, m),
-        np.zeros(shape, bool),
-    )  # fmt: skip
+    unknown, half_width = np.full(shape, np.nan), np.full(shape, m)
+    coefficients = np.full((*shape, 3), np.nan)
+    return LocalPolynomials(coefficients, unknown, half_width, np.zeros(shape, bool))
 
 
 def fit_rotations(time: Floats, quaternion: Floats) -> LocalPolynomials:

@@ -64,7 +64,8 @@ class LoopClosure:
         self._model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
         self._data = mujoco.MjData(self._model)
         self._pose = np.array(model.qpos0)
-        self._dof_of_qpos = _find_dofs(model)
+        sizes = np.diff([*model.jnt_qposadr, model.nq])
+        self._dof_of_qpos = np.repeat(np.asarray(model.jnt_dofadr, int), sizes)
         self._is_first = True
 
     def close(self, qpos: Floats, qvel: Floats) -> ClosedState:
@@ -76,14 +77,11 @@ class LoopClosure:
         """
         model = self._model
         is_read = np.isfinite(qpos)
-        free = np.concatenate([
-            np.full(_DOF_SIZES[int(model.jnt_type[j])], not is_read[q])
-            for j, q in enumerate(model.jnt_qposadr)
-        ])  # fmt: skip
+        is_free = ~is_read[model.jnt_qposadr]
+        free = np.repeat(is_free, np.diff([*model.jnt_dofadr, model.nv]))
         begin = self._pose.copy()
-        for share in (
-            np.linspace(0, 1, APPROACH_STEPS + 1)[1:] if self._is_first else [1]
-        ):
+        count = APPROACH_STEPS if self._is_first else 1
+        for share in np.linspace(0, 1, count + 1)[1:]:
             moved = begin[is_read] + share * (qpos[is_read] - begin[is_read])
             self._pose[is_read] = moved
             residual, jacobian = self._solve(free)
@@ -106,9 +104,8 @@ class LoopClosure:
         for _ in range(MAX_NEWTON_STEPS):
             residual, jacobian = self._evaluate()
             step[free] = -_pseudo_inverse(jacobian[:, free]) @ residual
-            step *= min(
-                1.0, MAX_JOINT_STEP / max(np.abs(step).max(initial=0.0), 1e-300)
-            )
+            longest = max(np.abs(step).max(initial=0.0), 1e-300)
+            step *= min(1.0, MAX_JOINT_STEP / longest)
             mujoco.mj_integratePos(self._model, self._pose, step, 1.0)
             if np.abs(step).max(initial=0.0) < CLOSED_STEP:
                 break
@@ -123,15 +120,6 @@ class LoopClosure:
         count = self._data.ne
         jacobian = np.array(self._data.efc_J).reshape(-1, self._model.nv)[:count]
         return np.array(self._data.efc_pos[:count]), jacobian
-
-
-_DOF_SIZES = {0: 6, 1: 3, 2: 1, 3: 1}  # mjtJoint: free, ball, slide, hinge
-
-
-def _find_dofs(model: "MjModel") -> np.ndarray:
-    """(nq) index of a degree of freedom of the joint that each position is of."""
-    sizes = np.diff([*model.jnt_qposadr, model.nq])
-    return np.repeat(np.asarray(model.jnt_dofadr, int), sizes)
 
 
 def _pseudo_inverse(jacobian: Floats) -> Floats:

@@ -146,7 +146,7 @@ class Actuator:
         dof: index of its joint's velocity in qvel; -1: it drives no joint.
         qpos: index of its joint's position in qpos; -1: it drives no joint.
         servo: whether it holds a position that is commanded, in that position's unit.
-        max_force: largest torque that it was asked for [N m or N].
+        max_force: largest torque that was commanded [N m or N].
         speed: root mean square of its velocity, without the gear [unit/s].
         max_rate: largest rate of its goal, or of its commands if it has none [unit/s].
         unit: of the position of what it drives, "rad" or "m".

@@ -1,7 +1,8 @@
 """Segments: takes episodes, gives parts of them to simulate from their own states."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from .episodes import SampledEpisode
 
 # readings in some segment; chosen: fewer tell no correlation in time
 MIN_CORRELATED_READINGS = 4
-# share by which segments may be longer than asked for; chosen: rather than cut anew
+# share by which segments may be longer than wanted; chosen: rather than cut anew
 MAX_SEGMENT_EXCESS = 0.3
 
 
@@ -81,14 +82,12 @@ class Segments:
     def concatenate(cls, parts: Sequence["Segments"]) -> "Segments":
         """Put several sets of segments into one."""
         first = np.cumsum([0, *(len(p) for p in parts)])
-        each = zip(parts, first, strict=False)
+        moved = [
+            replace(p, segment_of_sample=p.segment_of_sample + n)
+            for p, n in zip(parts, first, strict=False)
+        ]
         return cls(
-            np.concatenate([p.episode for p in parts]),
-            np.concatenate([p.first_step for p in parts]),
-            np.concatenate([p.lengths for p in parts]),
-            np.concatenate([p.segment_of_sample + n for p, n in each]),
-            np.concatenate([p.sample_steps for p in parts]),
-            np.concatenate([p.readings for p in parts]),
+            *(np.concatenate([getattr(p, f.name) for p in moved]) for f in fields(cls))
         )
 
 
@@ -108,39 +107,21 @@ def cut_segments(
         only: number of the one episode to cut; None: all.
         empty: whether a sample without a reading counts.
     """
-    numbers: list[int] = []
-    first_steps: list[int] = []
-    lengths: list[int] = []
-    segment_of_sample: list[np.ndarray] = []
-    sample_steps: list[Floats] = []
-    readings: list[Floats] = []
+    parts, width = [], episodes[0].readings.shape[1]
     for i, episode in enumerate(episodes):
         if only is not None and i != only:
             continue
-        cuts = _place_cuts(episode.sample_steps[-1], steps)
-        for a, b in zip(cuts[:-1], cuts[1:], strict=True):
-            inside = (episode.sample_steps > a) & (episode.sample_steps <= b)
-            if a == 0:
-                inside |= episode.sample_steps == 0
+        at = episode.sample_steps
+        for a, b in pairwise(_place_cuts(at[-1], steps)):
+            inside = (at > a) & (at <= b) | (at == 0) & (a == 0)
             if not empty:
                 inside &= np.isfinite(episode.readings).any(axis=1)
-            if not inside.any():
-                continue
-            segment_of_sample.append(np.full(int(inside.sum()), len(numbers)))
-            numbers.append(i)
-            first_steps.append(int(a))
-            lengths.append(int(np.ceil(b - a)))
-            sample_steps.append(episode.sample_steps[inside] - a)
-            readings.append(episode.readings[inside])
-    width = episodes[0].readings.shape[1]
-    return Segments(
-        np.array(numbers, int),
-        np.array(first_steps, int),
-        np.array(lengths, int),
-        np.concatenate([*segment_of_sample, np.zeros(0, int)]),
-        np.concatenate([*sample_steps, np.zeros(0)]),
-        np.concatenate([*readings, np.zeros((0, width))]),
-    )
+            if inside.any():
+                number, begin, length = np.array([[i], [a], [np.ceil(b - a)]], int)
+                own, read = np.zeros(int(inside.sum()), int), episode.readings[inside]
+                parts.append(Segments(number, begin, length, own, at[inside] - a, read))
+    no, none = np.zeros(0, int), np.zeros((0, width))
+    return Segments.concatenate([*parts, Segments(no, no, no, no, np.zeros(0), none)])
 
 
 def _place_cuts(last: float, steps: int | None) -> Floats:

@@ -70,15 +70,18 @@ def estimate_state(
             qvel[:, v], std[:, model.nv + v] = _combine_estimates(
                 slope, slope_std, rate, rate_std
             )
-        elif model.jnt_type[j] == 0:  # mjtJoint: free
-            rates = slice(model.nv + v, model.nv + v + 6)
-            _fill_floating_body(look_up, body, qpos[:, q : q + 7], qvel[:, v : v + 6],
-                  std[:, v : v + 6], std[:, rates])  # fmt: skip
-        elif (frame := _parent_orientation(model, j)) is not None:
-            rates = slice(model.nv + v, model.nv + v + 3)
-            _fill_orientation(look_up, body, qpos[:, q : q + 4], qvel[:, v : v + 3],
-                    std[:, v : v + 3], std[:, rates])  # fmt: skip
-            qpos[:, q : q + 4] = _relative_rotation(frame, qpos[:, q : q + 4])
+            continue
+        if model.jnt_type[j] == 0:  # mjtJoint: free
+            found = _find_place(look_up, body)
+            qpos[:, q : q + 3], qvel[:, v : v + 3] = found[:2]
+            std[:, v : v + 3], std[:, model.nv + v : model.nv + v + 3] = found[2:]
+            q, v, frame = q + 3, v + 3, None
+        elif (frame := _parent_orientation(model, j)) is None:
+            continue
+        turn, turning, *errors = _find_orientation(look_up, body)
+        turn = turn if frame is None else _relative_rotation(frame, turn)
+        qpos[:, q : q + 4], qvel[:, v : v + 3] = turn, turning
+        std[:, v : v + 3], std[:, model.nv + v : model.nv + v + 3] = errors
     return qpos, qvel, std
 
 
@@ -218,68 +221,45 @@ def _combine_estimates(
         return mean, 1 / np.sqrt(total)
 
 
-def _fill_floating_body(
-    look_up: _SignalLookup,
-    body: str,
-    qpos: Floats,
-    qvel: Floats,
-    qpos_std: Floats,
-    qvel_std: Floats,
-) -> None:
-    """Fill in the state of a floating body, from its pose and velocity sensors.
-
-    Args:
-        qpos: (W, 7) position and quaternion; changed.
-        qvel: (W, 6) linear and angular velocity; changed.
-        qpos_std: (W, 6) standard errors; changed.
-        qvel_std: (W, 6) standard errors; changed.
-    """
+def _find_place(
+    look_up: _SignalLookup, body: str
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Position (W, 3) and velocity of a body, and their standard errors."""
     position, rate, position_std, rate_std = look_up("body_position", body)
-    qpos[:, :3], qvel[:, :3] = position[:, :3], rate[:, :3]
-    qpos_std[:, :3], qvel_std[:, :3] = position_std[:, :3], rate_std[:, :3]
     linear, _, linear_std, _ = look_up("body_linear_velocity", body)
-    is_read = np.isfinite(linear[:, :3]).all(axis=1)
-    qvel[is_read, :3] = linear[is_read, :3]
-    qvel_std[is_read, :3] = linear_std[is_read, :3]
-    _fill_orientation(
-        look_up, body, qpos[:, 3:7], qvel[:, 3:6], qpos_std[:, 3:6], qvel_std[:, 3:6]
+    is_read = np.isfinite(linear[:, :3]).all(axis=1, keepdims=True)
+    return (
+        position[:, :3],
+        np.where(is_read, linear[:, :3], rate[:, :3]),
+        position_std[:, :3],
+        np.where(is_read, linear_std[:, :3], rate_std[:, :3]),
     )
 
 
-def _fill_orientation(
-    look_up: _SignalLookup,
-    body: str,
-    qpos: Floats,
-    qvel: Floats,
-    qpos_std: Floats,
-    qvel_std: Floats,
-) -> None:
-    """Fill in the orientation and the angular velocity of a body.
+def _find_orientation(
+    look_up: _SignalLookup, body: str
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Quaternion (W, 4) and angular velocity (W, 3) of a body, and standard errors.
 
     In the body's frame the angular velocity is omega = 2 vec(conj(q) dq/dt).
-
-    Args:
-        qpos: (W, 4) quaternion; changed.
-        qvel: (W, 3) angular velocity in the body's frame; changed.
-        qpos_std: (W, 3) standard errors; changed.
-        qvel_std: (W, 3) standard errors; changed.
     """
     value, slope, value_std, slope_std = look_up("body_orientation", body)
     norm = np.linalg.norm(value, axis=1, keepdims=True)
     unit = value / norm
-    qpos[:] = unit
-    qvel[:] = 2 * _body_rate(unit, slope / norm)
-    qpos_std[:], qvel_std[:] = 2 * value_std[:, 1:4], 2 * slope_std[:, 1:4]
     angular, _, angular_std, _ = look_up("body_angular_velocity", body)
-    is_read = np.isfinite(angular[:, :3]).all(axis=1)
-    qvel[is_read], qvel_std[is_read] = angular[is_read, :3], angular_std[is_read, :3]
+    is_read = np.isfinite(angular[:, :3]).all(axis=1, keepdims=True)
+    return (
+        unit,
+        np.where(is_read, angular[:, :3], 2 * _body_rate(unit, slope / norm)),
+        2 * value_std[:, 1:4],
+        np.where(is_read, angular_std[:, :3], 2 * slope_std[:, 1:4]),
+    )
 
 
 def _body_rate(unit: Floats, slope: Floats) -> Floats:
     """Vector part (W, 3) of conj(unit) slope, both (W, 4), or one of them (1, 4)."""
     w, x, y, z = (unit * [1, -1, -1, -1]).T
     a, b, c, d = slope.T
-    return np.stack(
-        [w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b,
-         w * d + x * c - y * b + z * a], axis=1,
-    )  # fmt: skip
+    first = w * b + x * a + y * d - z * c
+    second = w * c - x * d + y * a + z * b
+    return np.stack([first, second, w * d + x * c - y * b + z * a], axis=1)

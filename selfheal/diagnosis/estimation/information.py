@@ -1,6 +1,6 @@
 """What recordings tell of parameters: takes a fit, gives Gram matrices of its slopes.
 
-From them follow intervals, what cannot be told from what, and what further motions
+From them follow intervals, what cannot be distinguished, and what further motions
 would add, without any simulation.
 """
 
@@ -16,7 +16,7 @@ from .problem import list_block_rows
 from .quadratic_model import prior_precision
 
 MAX_VARIANCE_INFLATION = 10.0  # from which on a value is confounded (Marquardt 1970)
-MIN_CORRELATION = 0.5  # of two values that are told together; a quarter of a variance
+MIN_CORRELATION = 0.5  # of two values that are known together; a quarter of a variance
 UNTOLD_SHARE = 0.5  # of a prior variance that is left where readings tell little
 
 
@@ -60,26 +60,26 @@ class Information:
         Each would be known well if the others were: beside them its variance is ten
         times as large (Marquardt 1970). Of a stated value half of the prior's is left.
         """
+        from scipy.sparse.csgraph import connected_components
+
         known = self.gram.sum(axis=0) / max(self.variance, np.finfo(float).tiny)
         precision = known + np.diag(self.prior)
         size = np.sqrt(np.diag(precision))
-        felt = np.flatnonzero(np.diag(known) > 0)
-        scaled = precision[np.ix_(felt, felt)] / np.outer(size[felt], size[felt])
+        shown = np.flatnonzero(np.diag(known) > 0)
+        scaled = precision[np.ix_(shown, shown)] / np.outer(size[shown], size[shown])
         covariance = np.linalg.pinv(scaled, hermitian=True)
         inflation = np.diag(covariance)
-        left = self.prior[felt] * inflation / size[felt] ** 2
+        left = self.prior[shown] * inflation / size[shown] ** 2
         is_open = (inflation > MAX_VARIANCE_INFLATION) & (
-            (left > UNTOLD_SHARE) | (self.prior[felt] == 0)
+            (left > UNTOLD_SHARE) | (self.prior[shown] == 0)
         )
         chosen = np.flatnonzero(is_open)
         root = np.sqrt(inflation[chosen])
         correlation = covariance[np.ix_(chosen, chosen)] / np.outer(root, root)
-        groups = _group(np.abs(correlation) > MIN_CORRELATION)
-        return [
-            tuple(self.parameters[felt[chosen[i]]] for i in g)
-            for g in groups
-            if len(g) > 1
-        ]
+        is_linked = np.abs(correlation) > MIN_CORRELATION
+        count, label = connected_components(is_linked, directed=False)
+        groups = [shown[chosen[label == k]] for k in range(count)]
+        return [tuple(self.parameters[i] for i in g) for g in groups if len(g) > 1]
 
 
 def _name_parameters(terms: tuple[Term, ...]) -> Iterator[str]:
@@ -88,11 +88,3 @@ def _name_parameters(terms: tuple[Term, ...]) -> Iterator[str]:
         for p in term.parameters:
             own = "" if term.effect.name == "stated" else f"/{p.name}"
             yield term.targets[0] + own
-
-
-def _group(linked: np.ndarray) -> list[list[int]]:
-    """Connected components of a graph (n, n)."""
-    from scipy.sparse.csgraph import connected_components
-
-    count, label = connected_components(linked, directed=False)
-    return [np.flatnonzero(label == k).tolist() for k in range(count)]

@@ -162,7 +162,7 @@ class _Groups:
     def find(
         cls, problem: Problem, terms: Sequence[Term], find: Find, count: int, step: Step
     ) -> "_Groups":
-        """Those of the last `count` values or states.
+        """Find those of the last `count` values or states.
 
         That nothing couples two trees is measured in some segments: steps of all values
         of a tree must change no residual of another one. Of what may touch, none is

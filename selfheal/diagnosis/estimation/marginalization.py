@@ -98,16 +98,16 @@ def marginalize_initial_states(
     """
     std = initial_state_std(problem.simulator, problem.segments)
     std = np.maximum(std, FIT.min_initial_state_std)
-    plain = problem.with_measured_states
+    measured = problem.with_measured_states
     start = (
         np.zeros_like(std)
         if problem.initial_state_shift is None
         else problem.initial_state_shift / std
     )
     known = _recall_responses(problem, std)
-    search = StateSearch(plain, terms, values, std)
+    search = StateSearch(measured, terms, values, std)
     states = search.run(start, known)
-    count = plain.sum_by_segment(np.ones(len(plain.segment_of_residual)))
+    count = measured.sum_by_segment(np.ones(len(measured.segment_of_residual)))
     mean_squares = states.cost / np.maximum(count, 1)
     is_outlier = states.is_nonlinear & (
         mean_squares > FIT.outlier_ratio * np.median(mean_squares)
@@ -123,7 +123,7 @@ def marginalize_initial_states(
         outliers = np.flatnonzero(is_outlier)
         part = search.select(outliers)
         states = states.keep_best(outliers, part.run(part.try_other_velocities()))
-    return _eliminate_states(plain, states, std)
+    return _eliminate_states(measured, states, std)
 
 
 def _recall_responses(problem: Problem, std: Floats) -> list[Floats]:

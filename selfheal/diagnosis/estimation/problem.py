@@ -10,6 +10,7 @@ from them where initial states are marginalized (`marginalization`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -114,12 +115,9 @@ class Problem:
         """
         values = remove_rounding(terms, values)
         if self.initial_state_shift is not None:
-            offset = (
-                np.zeros((len(values), 1, 1))
-                if initial_state_offset is None
-                else initial_state_offset
-            )
-            initial_state_offset = self.initial_state_shift + offset
+            if initial_state_offset is None:
+                initial_state_offset = np.zeros((len(values), 1, 1))
+            initial_state_offset = self.initial_state_shift + initial_state_offset
         predicted = self.predict(terms, values, initial_state_offset)
         self._subtract_readings(predicted)
         predicted /= self.sigma
@@ -205,7 +203,7 @@ class Problem:
         edges = np.searchsorted(
             self.segment_of_residual, np.arange(len(self.segments) + 1)
         )
-        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(edges)]
 
     @property
     def with_half_step(self) -> "Problem":
@@ -277,9 +275,8 @@ class Problem:
     def sum_by_segment(self, values: Floats) -> Floats:
         """(W) sums over each segment of values (R) of the residuals."""
         count = len(self.segments)
-        return np.bincount(self.segment_of_residual, values, minlength=count).astype(
-            float
-        )
+        sums = np.bincount(self.segment_of_residual, values, minlength=count)
+        return sums.astype(float)
 
 
 def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
@@ -287,9 +284,8 @@ def initial_state_std(simulator: Simulator, segments: Segments) -> Floats:
     std = np.empty((len(segments), 2 * simulator.compiler.nominal.nv))
     for episode in np.unique(segments.episode):
         rows = np.flatnonzero(segments.episode == episode)
-        std[rows] = simulator.complete_state(
-            int(episode), segments.first_step[rows]
-        ).std
+        first = segments.first_step[rows]
+        std[rows] = simulator.complete_state(int(episode), first).std
     return std
 
 

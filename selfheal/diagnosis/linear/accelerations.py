@@ -127,11 +127,9 @@ def compute_applied_forces(
     begun = _Begun.build(simulator, terms, values, moments, state_offset)
     hypotheses, initial = begun.hypotheses, begun.initial
     applied, none = np.zeros_like(initial.qvel), np.zeros(0)
-    state = StepState(
-        np.tile(moments.first_step * simulator.timestep, len(values)),
-        initial.qpos, initial.qvel, begun.ctrl, none, none, applied, none, None,
-        initial.integral_errors, simulator.timestep,
-    )  # fmt: skip
+    time = np.tile(moments.first_step * simulator.timestep, len(values))
+    read = initial.qpos, initial.qvel, begun.ctrl, none, none, applied, none
+    state = StepState(time, *read, None, initial.integral_errors, simulator.timestep)
     actions = list_actions(hypotheses, len(moments))
     for action in actions[-len(terms[-1].places) :]:
         action.effect.apply_forces(state, action.place, action.values)

@@ -24,14 +24,14 @@ def compute_gains(before: LinearFit, after: LinearFit) -> Floats:
     return losses[0] - losses[1]
 
 
-def is_worth_more(plain: LinearFit, new: LinearFit) -> bool:
+def is_worth_more(simple: LinearFit, new: LinearFit) -> bool:
     """Whether a form with more parameters predicts blocks better by a standard error.
 
-    Of forms that do not, the plainest counts (Breiman et al. 1984).
+    Of forms that do not, the simplest counts (Breiman et al. 1984).
     """
-    if len(new.values) <= len(plain.values):
+    if len(new.values) <= len(simple.values):
         return True
-    gains = compute_gains(plain, new)
+    gains = compute_gains(simple, new)
     return bool(gains.sum() > np.sqrt(len(gains)) * gains.std(ddof=1))
 
 

@@ -35,7 +35,7 @@ class Errors:
 
     @property
     def first(self) -> "Errors":
-        """Those of the first of several hypotheses."""
+        """Errors of the first of several hypotheses."""
         return replace(self, values=self.values[0], volume=self.volume[0])
 
     @classmethod

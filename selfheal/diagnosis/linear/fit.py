@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -67,7 +68,7 @@ class LinearFit:
     def slices(self) -> list[slice]:
         """Columns of each term."""
         ends = np.cumsum([0, *(len(t.parameters) for t in self.terms)])
-        return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(ends)]
 
     @property
     def named_values(self) -> list[Floats]:

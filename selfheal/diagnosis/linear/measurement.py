@@ -73,17 +73,22 @@ def measure_motion(simulator: Simulator, rng: np.random.Generator) -> MeasuredMo
         windows.append(starts[:, None] + np.arange(MOMENTS_PER_WINDOW))
         count += len(first)
     width = sum(c.width for c in simulator.channels)
-    moments = Segments(
-        np.repeat(np.arange(len(firsts)), [len(f) for f in firsts]),
-        np.concatenate(firsts), np.full(count, apart), np.zeros(0, int), np.zeros(0),
-        np.zeros((0, width)),
-    )  # fmt: skip
+    episode = np.repeat(np.arange(len(firsts)), [len(f) for f in firsts])
+    none = np.zeros(0, int), np.zeros(0), np.zeros((0, width))
+    moments = Segments(episode, np.concatenate(firsts), np.full(count, apart), *none)
     hann = np.hanning(MOMENTS_PER_WINDOW + 2)[1:-1]
     widths = _choose_widths(simulator, window)
+    unknown = np.zeros(0)  # noise, until there are windows
     motion = MeasuredMotion(
-        simulator, joints, moments, widths, np.concatenate(windows),
-        hann / hann.sum(), np.zeros(0), np.zeros(0),
-    )  # fmt: skip
+        simulator,
+        joints,
+        moments,
+        widths,
+        np.concatenate(windows),
+        hann / hann.sum(),
+        unknown,
+        unknown,
+    )
     read_all = motion.read({})
     at_moments = read_all.offset, read_all.acceleration
     known = np.asarray(np.isfinite(np.hstack(at_moments)).all(axis=1))

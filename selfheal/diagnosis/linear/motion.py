@@ -264,12 +264,14 @@ def _read_joints(
             # beside the noise of both, of which the velocity's alone is as it is read
             size = (faith[0] + spread[1]) / (faith[0] + (own / scale) ** 2 * spread[1])
             mismatch.append(own * (fast - mean[1]) * np.sqrt(size))
-            doubt = motion._doubts.setdefault(velocity.name, _measure_doubt(
-                (speed - v, variance[1] + other[0]),
-                (slope - a, variance[2] + other[1]),
-                (fast - mean[1], spread[1] + faith[0]),
-                (turn - mean[2], spread[2] + faith[1]),
-            ))  # fmt: skip
+            if velocity.name not in motion._doubts:
+                motion._doubts[velocity.name] = _measure_doubt(
+                    (speed - v, variance[1] + other[0]),
+                    (slope - a, variance[2] + other[1]),
+                    (fast - mean[1], spread[1] + faith[0]),
+                    (turn - mean[2], spread[2] + faith[1]),
+                )
+            doubt = motion._doubts[velocity.name]
             other, faith = other[:2] + doubt[:2, None], faith[:2] + doubt[2:, None]
             v = _combine(v, variance[1], speed, other[0])
             a = _combine(a, variance[2], slope, other[1])

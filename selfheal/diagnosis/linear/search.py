@@ -213,7 +213,7 @@ class Search:
         return share, share * fit.whitening.errors.size
 
     def _propose(self) -> list[Direction]:
-        """Directions of the candidates that may be asked for, seen in some rows.
+        """Directions of the candidates that may be worth it, seen in some rows.
 
         Of a gain g in a part the noise has one standard error: what two more of them
         would not make enough is not looked at in all rows.

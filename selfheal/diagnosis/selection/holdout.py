@@ -31,9 +31,6 @@ from .judge import Judge, compare, is_clearly_better, is_outdone, measure_lead
 from .settings import SELECTION
 from .stated_values import release_bounds
 
-# a hypothesis, and labels of the names that were refuted
-Tested = tuple[Hypothesis, tuple[str, ...]]
-
 
 def choose_hypothesis(
     held_out: Simulator, hypotheses: Sequence[Hypothesis]
@@ -92,12 +89,17 @@ def leave_bounds(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
     return replace(hypothesis, final=released, nominal=nominal)
 
 
-def drop_refuted(held_out: Simulator, hypothesis: Hypothesis) -> Tested:
+def drop_refuted(
+    held_out: Simulator, hypothesis: Hypothesis
+) -> tuple[Hypothesis, tuple[str, ...]]:
     """Keep the names that do no harm in the held-out episodes.
 
     Backward elimination, the worst name first. An equivalent of a name that goes
     takes its place, if it helps. The names that stay are in the order of how much the
     held-out error grows without each.
+
+    Returns:
+        The hypothesis, and labels of the names that go.
     """
     refuted: list[str] = []
     judge = Judge.build(held_out, hypothesis.final)

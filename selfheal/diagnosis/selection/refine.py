@@ -32,7 +32,7 @@ from ..simulation.dataset import (
 from .hypotheses import Hypothesis
 from .settings import SELECTION
 from .stated_values import fix_effects
-from .subsampling import count_native_steps, mean_seconds, subsample_problem
+from .subsampling import count_native_steps, draw_segments, mean_seconds
 
 
 def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
@@ -56,7 +56,8 @@ def refine_hypothesis(dataset: Dataset, hypothesis: Hypothesis) -> Hypothesis:
         if keeps and seconds == SHORT_SEGMENT:
             return replace(searched, sigma=sigma)
         segments = _cut(dataset, seconds, onsets)
-        return subsample_problem(Problem(dataset.training, segments, sigma), steps, rng)
+        problem = Problem(dataset.training, segments, sigma)
+        return problem.select(draw_segments(problem, steps, rng))
 
     lengths = (SHORT_SEGMENT, *FITTED_SEGMENTS[: 1 if onsets else None])
     informative = keep_informative(map(pose, lengths), fit.terms, fit.values)

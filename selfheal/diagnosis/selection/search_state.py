@@ -42,7 +42,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """What speaks for a name, and which terms cannot be told from it."""
+    """What speaks for a name, and which terms cannot be distinguished from it."""
 
     evidence: Evidence
     rivals: tuple[Term, ...] = ()
@@ -166,13 +166,13 @@ def reweight_and_fit(fit: Fit, iterations: int) -> Fit:
 
 def fit_longer(fit: Fit, longer: Sequence[Problem]) -> Fit:
     """The fit repeated in longer and longer segments, as far as these inform."""
-    for other in longer:
-        problem = fit.problem
-        other = replace(other, sigma=problem.sigma, simulator=problem.simulator)
-        if not is_horizon_informative(other, problem, fit.terms, fit.values):
+    for wanted in longer:
+        shorter, at = fit.problem, (fit.terms, fit.values)
+        posed = replace(wanted, sigma=shorter.sigma, simulator=shorter.simulator)
+        if not is_horizon_informative(posed, shorter, *at):
             break
-        other = marginalize_initial_states(other, fit.terms, fit.values)
-        fit = fit_parameters(other, fit.terms, fit.values, iterations=5)
+        posed = marginalize_initial_states(posed, *at)
+        fit = fit_parameters(posed, *at, iterations=5)
     return fit
 
 

@@ -45,7 +45,7 @@ class SelectionSettings:
     # of 2 s have as many steps as 32 of half a second.
     min_search_seconds: float = 16.0
     # Segments of a search in long segments, at least. Chosen: of fewer no scatter can
-    # be told.
+    # be had.
     min_long_segments: int = 4
     # [s] from which on a segment is long. Chosen: between the two horizons, 0.5 and 2
     # s.
@@ -87,7 +87,7 @@ class SelectionSettings:
     # ones, at a change point. Chosen: a root mean square 1.6 times as large.
     change_point_error_ratio: float = 2.5
     # Quantile of the earlier segments that stands for nearly all. Chosen: a tenth of
-    # them may be odd.
+    # them may be outliers.
     change_point_quantile: float = 0.9
     # Share of the later segments that are far worse, if there is a change point at all.
     # Chosen: one episode of twenty.
@@ -145,7 +145,7 @@ class SelectionSettings:
     # worse. Chosen: a tolerance of 5 %.
     worse_replay_ratio: float = 1.05
     # Held-out replay error over the noise floor above which it is not all explained.
-    # Chosen: crossed springs, once told as nothing, left eight times the floor.
+    # Chosen: crossed springs, once reported as nothing, left eight times the floor.
     max_replay_floor_ratio: float = 6.0
 
 

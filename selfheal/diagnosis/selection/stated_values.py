@@ -17,6 +17,7 @@ from ..estimation.least_squares import fit_by_updates
 from ..estimation.linearized_fit import LinearizedFit
 from ..estimation.quadratic_model import is_stated, stack_bounds
 from ..estimation.settings import FIT
+from ..simulation.model_variants import split_values
 from .hypotheses import Hypothesis
 from .settings import SELECTION
 
@@ -159,13 +160,9 @@ def _fit_restored(fit: Fit, restored: np.ndarray, iterations: int) -> Fit:
     """
     base = LinearizedFit.from_fit(fit)
     values = fit.values + base.move(restored, 1 - fit.values[restored])
-    numbers = np.split(np.arange(len(values)), np.cumsum([
-        len(t.parameters) for t in fit.terms
-    ]))  # fmt: skip
-    terms = [
-        _fix(t, np.ones(len(n))) if np.isin(n, restored).any() else t
-        for t, n in zip(fit.terms, numbers[:-1], strict=True)
-    ]
+    is_restored = np.isin(np.arange(len(values)), restored)
+    each = zip(fit.terms, split_values(fit.terms, is_restored), strict=True)
+    terms = [_fix(t, np.ones(len(r))) if r.any() else t for t, r in each]
     return fit_by_updates(fit.problem, terms, values, iterations, fit.jacobian)
 
 
@@ -181,10 +178,10 @@ def _round(base: LinearizedFit, half: Floats, chosen: np.ndarray) -> Floats:
     """
     fit = base.fit
     low, high, _ = stack_bounds(fit.terms)
-    unit = np.array([
-        t.effect.value if isinstance(t.effect, NominalParameter) else 1.0
-        for t in fit.terms for _ in t.parameters
-    ])  # fmt: skip
+    effects = [t.effect for t in fit.terms for _ in t.parameters]
+    unit = np.array(
+        [e.value if isinstance(e, NominalParameter) else 1.0 for e in effects]
+    )
     coarsest = half * np.abs(unit) * SELECTION.max_rounding_step
     chosen = chosen & np.isfinite(half) & (coarsest > 0)
     coarsest = np.log10(np.where(chosen, coarsest, 1.0))

@@ -25,7 +25,7 @@ from .holdout import squared_error_reestimated
 from .hypotheses import Hypothesis
 from .judge import Judge, is_clearly_better
 from .settings import SELECTION
-from .subsampling import draw_segments, mean_seconds, subsample_problem
+from .subsampling import draw_segments, mean_seconds
 
 
 @dataclass(frozen=True)
@@ -64,14 +64,11 @@ def analyze_remaining(dataset: Dataset, hypothesis: Hypothesis) -> RemainingStru
     )
     share = _find_free_form(dataset, fit)
     left = fit.cost
-    before = (
-        squared_error_reestimated(problem, hypothesis.nominal)
-        if hypothesis.named
-        else left
-    )
-    noise = expected_cost(fit)
-    if hypothesis.named and problem.regime.has_single_readings:
-        noise = max(noise, robust_noise(problem, fit.residuals))
+    before, noise = left, expected_cost(fit)
+    if hypothesis.named:
+        before = squared_error_reestimated(problem, hypothesis.nominal)
+        if problem.regime.has_single_readings:
+            noise = max(noise, robust_noise(problem, fit.residuals))
     return RemainingStructure(
         share,
         float(np.sqrt(left / max(noise, FIT.tiny))),
@@ -136,5 +133,5 @@ def _pose_in_short_segments(
         return problem.select(chosen), fit.jacobian[rows]
     segments = cut_readable_segments(dataset.training, SHORT_SEGMENT)
     whole = Problem(dataset.training, segments, problem.sigma)
-    part = subsample_problem(whole, SELECTION.remaining_steps, rng)
+    part = whole.select(draw_segments(whole, SELECTION.remaining_steps, rng))
     return marginalize_initial_states(part, fit.terms, fit.values), None

@@ -17,11 +17,6 @@ def count_native_steps(problem: Problem) -> int:
     return int(problem.segments.lengths.sum() * problem.simulator.coarsening)
 
 
-def _mean_native_steps(problem: Problem) -> float:
-    """Mean length of the segments [steps of the given model]."""
-    return count_native_steps(problem) / len(problem.segments)
-
-
 def mean_seconds(problem: Problem) -> float:
     """Mean length of the segments [s]."""
     return float(problem.segments.lengths.mean() * problem.simulator.timestep)
@@ -37,7 +32,7 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
         (v) numbers of segments, in order.
     """
     size = len(problem.segments)
-    wanted = steps / _mean_native_steps(problem)
+    wanted = steps / (count_native_steps(problem) / size)
     least, seconds = SELECTION.min_search_segments, mean_seconds(problem)
     if seconds >= SELECTION.long_segment:
         least = int(SELECTION.min_search_seconds / seconds)
@@ -46,17 +41,6 @@ def draw_segments(problem: Problem, steps: int, rng: np.random.Generator) -> np.
     if count >= SELECTION.nearly_all_segments * size:
         return np.arange(size)
     return np.sort(rng.permutation(size)[:count])
-
-
-def subsample_problem(
-    problem: Problem, steps: int, rng: np.random.Generator
-) -> Problem:
-    """The problem in segments drawn at random.
-
-    Args:
-        steps: [steps of the given model] of the segments in sum, about.
-    """
-    return problem.select(draw_segments(problem, steps, rng))
 
 
 def find_overlooked_segments(
@@ -75,11 +59,8 @@ def find_overlooked_segments(
         (w) numbers of the segments, the worst ones first.
     """
     others = np.setdiff1d(np.arange(len(problem.segments)), chosen)
-    if (
-        problem.regime.has_rough_cost
-        or problem.regime.has_single_readings
-        or not len(others)
-    ):
+    regime = problem.regime
+    if regime.has_rough_cost or regime.has_single_readings or not len(others):
         return others[:0]
     part = fit.problem
     rest = replace(problem.select(others), sigma=part.sigma, simulator=part.simulator)

@@ -81,5 +81,5 @@ def test_what_explains_most_in_held_out_segments_comes_first(arm, monkeypatch):
         kept, refuted = drop_refuted(None, Hypothesis(fit, fit, names, ()))
         assert not refuted
         first = max(zip(values, (dry, wet), strict=True), key=lambda each: each[0])[1]
-        assert [n.term.key for n in kept.named][0] == first.key
+        assert kept.named[0].term.key == first.key
         assert kept.named[0].growth > kept.named[1].growth > 1
