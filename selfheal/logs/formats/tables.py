@@ -253,7 +253,7 @@ def group_arrays(arrays: Mapping[str, Array]) -> list[Run]:
 def make_length_tables(
     arrays: Mapping[str, Array], units: Mapping[str, str] | None = None
 ) -> list[Table]:
-    """A table for each length of arrays (T, ...), named after it if others are there."""
+    """A table for each length of arrays (T, ...), named after it if there are more."""
     runs = group_arrays(arrays)
     names = [f"{run.count()} rows" if len(runs) > 1 else "" for run in runs]
     return [
