@@ -129,7 +129,7 @@ def compare_command(
 
     Args:
         command: (n) [s] and (n) in any unit; held from row to row.
-        position: (m) [s] and (m) in any unit.
+        position: (N) [s] and (N) in any unit.
 
     Returns:
         The line of the position over the command at the lag that fits best.
@@ -217,7 +217,7 @@ def find_zero_rows(values: Floats) -> NDArray[np.bool_]:
 
 
 def find_step(values: Floats) -> float:
-    """The step of an encoder in a column; 0 where it has none, or one of rounding."""
+    """The step of an encoder in a column (n); 0 if it has none, or one of rounding."""
     levels = np.unique(np.round(values[np.isfinite(values)], 5))
     steps = np.diff(levels[1:-1])  # the ends may be where a column is clipped
     if steps.size < _STEPS:

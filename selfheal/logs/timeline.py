@@ -129,7 +129,7 @@ def split_episodes(
 
 
 def split_rows(stream: StreamTime) -> Iterator[tuple[int, Indices]]:
-    """Rows of a stream between changes of its label, or where time begins again."""
+    """Rows (n) of a stream between changes of its label, or where time begins again."""
     count = stream.time.size
     new = np.zeros(count, dtype=bool)
     if stream.label is not None:

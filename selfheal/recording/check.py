@@ -1,21 +1,17 @@
 """Checks of contract section 1: takes a Recording, returns nothing or refuses it."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..printable import join_names, quote_name
-from .data import KINDS, Episode, Floats, Kind, Location, Signal
-
-if TYPE_CHECKING:
-    from .recording import Recording
+from .data import KINDS, Episode, EpisodeTable, Floats, Kind, Location, Signal
 
 NORM_TOLERANCE = 0.01  # of a quaternion; chosen: two printed decimals still pass
 MAX_MAGNITUDE = 1e10  # of any number in SI units; MuJoCo's mjMAXVAL of a state
 
 
-def validate(recording: "Recording") -> None:
+def validate(recording: EpisodeTable) -> None:
     """Refuse what breaks the contract and needs no model to see.
 
     Raises:

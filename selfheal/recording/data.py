@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,26 @@ class Episode:
             f"<Episode, {seconds:.1f} s; samples: {self.time.size}, "
             f"commands: {len(self.ctrl_names)}, signals: {len(self.signals)}>"
         )
+
+
+class EpisodeTable(Protocol):
+    """What is checked and written: a `Recording`, or a part of one."""
+
+    @property
+    def episodes(self) -> Mapping[str, Episode]:
+        """Episodes by id."""
+
+    @property
+    def robot(self) -> str | None:
+        """Label or None."""
+
+    @property
+    def source(self) -> str | None:
+        """Where the data come from, or None."""
+
+    @property
+    def file(self) -> str:
+        """Name for messages."""
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from ..printable import quote_name
 from .check import format_names
 from .controls import Control, assign_columns
-from .data import KINDS, Episode, Location, Signal
-
-if TYPE_CHECKING:
-    from .recording import Recording
+from .data import KINDS, Episode, EpisodeTable, Location, Signal
 
 # what to do about a model without actuators, at the end of a message
 NO_ACTUATORS = (
@@ -58,7 +54,7 @@ class ModelNames:
         return [control.full_name for control in self.controls]
 
 
-def check_against_model(recording: "Recording", names: ModelNames) -> None:
+def check_against_model(recording: EpisodeTable, names: ModelNames) -> None:
     """Refuse a recording of what the model does not have.
 
     Raises:

@@ -11,12 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InputError
-from .data import Episode, Floats
+from .data import Episode, EpisodeTable, Floats
 
 if TYPE_CHECKING:
     import pyarrow
-
-    from .recording import Recording
 
 SIGNALS, PREDICTED = "signals", "predicted"  # first parts of columns' names
 _UNIT = b"unit"  # of a field's metadata
@@ -56,7 +54,7 @@ def list_signals(
 
 
 def list_columns(
-    recording: "Recording", predicted: "Recording | None", name: str
+    recording: EpisodeTable, predicted: EpisodeTable | None, name: str
 ) -> dict[str, tuple[Floats, str]]:
     """Values (T) and unit of all columns of an episode, by their names."""
     episode = recording.episodes[name]
@@ -65,7 +63,7 @@ def list_columns(
 
 
 def build_table(
-    recording: "Recording", predicted: "Recording | None" = None
+    recording: EpisodeTable, predicted: EpisodeTable | None = None
 ) -> "pyarrow.Table":
     """Arrow's table of all episodes, null where a sample is missing.
 
@@ -100,7 +98,7 @@ def build_table(
 
 
 def _merge_units(
-    recording: "Recording",
+    recording: EpisodeTable,
     parts: Mapping[str, Mapping[str, tuple[Floats, str]]],
 ) -> dict[str, str]:
     """The unit of each column of any episode."""

@@ -3,31 +3,32 @@
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import h5py
 import numpy as np
 
 from ..files import atomic_hdf5
-from .check import check_episode, validate
-from .data import Episode, Floats
-
-if TYPE_CHECKING:
-    from .recording import Recording
+from .check import check_episode
+from .data import Episode, EpisodeTable, Floats, Location
 
 FORMAT = "selfheal-recording"
 VERSION = 1
 
 
-def write(recording: "Recording", path: str | os.PathLike[str]) -> None:
+def write(recording: EpisodeTable, path: str | os.PathLike[str]) -> None:
     """Check a recording and write it; the file appears whole or not at all.
 
     Raises:
         RecordingError: the recording breaks the contract; nothing is written.
         InputError: nothing can be written at `path`.
     """
-    validate(replace(recording, file=os.fspath(path)))
+    if not recording.episodes:
+        raise Location(os.fspath(path)).make_error(
+            "it holds no episode; at least one is needed"
+        )
+    for name, episode in recording.episodes.items():
+        check_episode(name, episode, os.fspath(path))
     with open_writer(path, recording.robot, recording.source) as writer:
         for name, episode in recording.episodes.items():
             writer.append(name, episode)

@@ -67,7 +67,7 @@ def is_list(kind: "pa.DataType") -> bool:
 
 
 def find_width(array: "pa.Array | pa.ChunkedArray") -> int:
-    """Elements of the longest vector of an Arrow array; 0 where they are too many."""
+    """Elements of the longest vector of an array (n); 0 where they are too many."""
     import pyarrow.compute as pc
 
     width = pc.max(pc.list_value_length(array)).as_py() or 0

@@ -77,7 +77,7 @@ def load_variables(path: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def list_arrays(value: object, path: str = "", depth: int = 0) -> dict[str, np.ndarray]:
-    """Arrays in variables and structures, by their paths.
+    """Arrays (T, d) in variables and structures, by their paths.
 
     Args:
         value: variables, or what scipy makes of one.

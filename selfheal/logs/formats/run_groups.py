@@ -32,7 +32,7 @@ def make_tables(
     as `data/demo_0/actions` and `data/demo_1/actions`. Each is a run.
 
     Args:
-        arrays: by paths, whose steps "/" separates.
+        arrays: (T) or (T, d), by paths, whose steps "/" separates.
     """
     arrays = {path: array for path, array in arrays.items() if is_usable(array)}
     units = units or {}

@@ -39,7 +39,7 @@ class Array(Protocol):
 
     @property
     def dtype(self) -> np.dtype:
-        """Of its elements."""
+        """Type of an element."""
 
     def __len__(self) -> int: ...
 
@@ -226,7 +226,7 @@ def convert_block(rows: object) -> Values:
 
 
 def is_usable(array: Array) -> bool:
-    """Whether an array is columns of a log."""
+    """Whether an array (T, ...) is columns of a log."""
     shape = array.shape
     return (
         array.dtype.kind in _KINDS
@@ -237,7 +237,7 @@ def is_usable(array: Array) -> bool:
 
 
 def group_arrays(arrays: Mapping[str, Array]) -> list[Run]:
-    """Arrays of one length each, those with the most values first."""
+    """Arrays (T) or (T, d) of one length each, those with the most values first."""
     usable = {n: a for n, a in arrays.items() if is_usable(a) and len(a) > 1}
     numeric = [len(a) for a in usable.values() if a.dtype.kind in "biufM"]
     lengths = Counter[int]()
@@ -253,7 +253,7 @@ def group_arrays(arrays: Mapping[str, Array]) -> list[Run]:
 def make_length_tables(
     arrays: Mapping[str, Array], units: Mapping[str, str] | None = None
 ) -> list[Table]:
-    """A table for each length of arrays, named after it where there are several."""
+    """A table for each length of arrays (T, ...), named after it if there are more."""
     runs = group_arrays(arrays)
     names = [f"{run.count()} rows" if len(runs) > 1 else "" for run in runs]
     return [

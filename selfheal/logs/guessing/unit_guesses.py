@@ -91,7 +91,7 @@ class GuessedLine:
 
     @property
     def columns(self) -> list[str]:
-        """Those of all targets."""
+        """Columns of all targets."""
         return [name for target in self.targets for name in target.columns]
 
 
