@@ -117,44 +117,34 @@ def _add_servos_and_sensors(
     spec: mujoco.MjSpec, anatomy: Anatomy, physics: Physics
 ) -> None:
     """Add the servos and the sensors: vertical, clearance, angles, foot tips."""
-    kp, kv = physics.kp, physics.kv
     for joint in anatomy.joints:
         servo = spec.add_actuator(
-            name=f"{joint}_servo",
-            target=joint,
-            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            name=f"{joint}_servo", target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT
         )
-        servo.set_to_position(kp=kp, kv=kv)
+        servo.set_to_position(kp=physics.kp, kv=physics.kv)
     sensor, kind = mujoco.mjtSensor, mujoco.mjtObj
+    on_site, on_joint = {"objtype": kind.mjOBJ_SITE}, {"objtype": kind.mjOBJ_JOINT}
     spec.add_sensor(
         name="vertical",
         type=sensor.mjSENS_FRAMEZAXIS,
-        objtype=kind.mjOBJ_SITE,
         objname="level",
         reftype=kind.mjOBJ_XBODY,
         refname="torso",
+        **on_site,
     )
     spec.add_sensor(
         name="clearance",
         type=sensor.mjSENS_RANGEFINDER,
-        objtype=kind.mjOBJ_SITE,
         objname="belly_sensor",
         intprm=[1, 0, 0],
+        **on_site,
     )
     for joint in anatomy.joints:
-        spec.add_sensor(
-            name=f"{joint}_position",
-            type=sensor.mjSENS_JOINTPOS,
-            objtype=kind.mjOBJ_JOINT,
-            objname=joint,
-        )
+        angle = {"type": sensor.mjSENS_JOINTPOS, "objname": joint, **on_joint}
+        spec.add_sensor(name=f"{joint}_position", **angle)
     for foot in anatomy.feet:
-        spec.add_sensor(
-            name=f"{anatomy.parts[foot - 1]}_tip",
-            type=sensor.mjSENS_FRAMEPOS,
-            objtype=kind.mjOBJ_SITE,
-            objname=f"{anatomy.parts[foot - 1]}_tip",
-        )
+        tip = f"{anatomy.parts[foot - 1]}_tip"
+        spec.add_sensor(name=tip, type=sensor.mjSENS_FRAMEPOS, objname=tip, **on_site)
 
 
 def build_spec(

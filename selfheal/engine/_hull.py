@@ -46,45 +46,40 @@ def find_nearest_on_hull(flat: Floats, m: int, simplex: Ints) -> int:
         norm = x * x + y * y
         if norm < _ORIGIN_TOLERANCE * _ORIGIN_TOLERANCE:
             return 3
-        far, low = -1, norm - 1e-10
-        for i in range(m):
-            dot = flat[i, 0] * x + flat[i, 1] * y
-            if dot < low:
-                far, low = i, dot
+        far = _find_support(flat, m, x, y, norm - 1e-10)
         if far < 0:
             return size
         if size == 2 and _contains_origin(flat, simplex[0], simplex[1], far):
             return 3
-        size, x, y = _keep_nearest_edge(flat, simplex, size, far)
+        # the nearest point of the edges between it and the simplex
+        keep, kx, ky, kn, is_edge = simplex[0], 0.0, 0.0, 1e30, False
+        for s in range(size):
+            v = simplex[s]
+            ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
+            t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
+            edge, t = 0.0 < t < 1.0, min(max(t, 0.0), 1.0)
+            px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
+            if px * px + py * py < kn:
+                kn, kx, ky, is_edge = px * px + py * py, px, py, edge
+                keep = v if (edge or t == 0.0) else far
+        simplex[0] = keep
+        size = 1
+        if is_edge:
+            simplex[1] = far
+            size = 2
+        x, y = kx, ky
     return size
 
 
-@numba.njit(**JIT)
-def _keep_nearest_edge(
-    flat: Floats, simplex: Ints, size: int, far: int
-) -> tuple[int, float, float]:
-    """Of the edges from a point to a simplex the nearest, or its end if that is nearer.
-
-    Fills in the simplex; returns its size and the nearest point.
-    """
-    keep, kx, ky, kn, is_edge = simplex[0], 0.0, 0.0, 1e30, False
-    for s in range(size):
-        v = simplex[s]
-        ex, ey = flat[far, 0] - flat[v, 0], flat[far, 1] - flat[v, 1]
-        t = -(flat[v, 0] * ex + flat[v, 1] * ey) / (ex * ex + ey * ey)
-        edge = True
-        if t <= 0.0:
-            t, edge = 0.0, False
-        elif t >= 1.0:
-            t, edge = 1.0, False
-        px, py = flat[v, 0] + t * ex, flat[v, 1] + t * ey
-        if px * px + py * py < kn:
-            kn, kx, ky, is_edge = px * px + py * py, px, py, edge
-            keep = v if (edge or t == 0.0) else far
-    simplex[0] = keep
-    if is_edge:
-        simplex[1] = far
-    return 2 if is_edge else 1, kx, ky
+@numba.njit(inline="always", **JIT)
+def _find_support(flat: Floats, m: int, x: float, y: float, low: float) -> int:
+    """The point farthest against (x, y), -1 where none is below `low` along it."""
+    far = -1
+    for i in range(m):
+        dot = flat[i, 0] * x + flat[i, 1] * y
+        if dot < low:
+            far, low = i, dot
+    return far
 
 
 @numba.njit(inline="always", **JIT)

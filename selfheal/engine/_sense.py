@@ -80,7 +80,7 @@ def compute_swing(q: Floats, steps: int) -> Floats:
     return swing
 
 
-@numba.njit(**JIT)
+@numba.njit(inline="always", **JIT)
 def _place_parts(body: BodyArrays, swing: Floats, pose: Pose) -> None:
     """Fill in rotations and origins of torso and parts, in the torso's frame."""
     parent, anchor, mount, axis = body.parent, body.anchor, body.mount, body.axis
@@ -118,7 +118,7 @@ def _place_parts(body: BodyArrays, swing: Floats, pose: Pose) -> None:
             )
 
 
-@numba.njit(**JIT)
+@numba.njit(inline="always", **JIT)
 def pose_body(body: BodyArrays, robot: RobotArrays, swing: Floats, pose: Pose) -> int:
     """Fill in a pose, all but up; returns how many contact points there are.
 

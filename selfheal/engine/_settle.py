@@ -33,8 +33,10 @@ class Contacts(NamedTuple):
         touching: (K) the points that touch, first.
         flat: (K, 2) where these lie on the floor, seen from the center of mass [m].
         simplex: (2) rows of `flat` that carry the point nearest to it.
-        floor: (2, 3) axes of the floor.
-        tip: (2, 3) base and v of the rotation n(t) = base + (n - base) cos t + v sin t.
+        e1: (3) axis of the floor, and
+        e2: (3) across it.
+        base: (3), and
+        v: (3) of the rotation n(t) = base + (n - base) cos t + v sin t.
         turns: (3, K) cosine and sine of the angle at which each point touches, and its
             place in the order of touching, 2 and more where it does not.
     """
@@ -44,8 +46,10 @@ class Contacts(NamedTuple):
     touching: Ints
     flat: Floats
     simplex: Ints
-    floor: Floats
-    tip: Floats
+    e1: Floats
+    e2: Floats
+    base: Floats
+    v: Floats
     turns: Floats
 
 
@@ -58,19 +62,21 @@ def _allocate_contacts(k: int) -> Contacts:
         np.empty(k, np.int64),
         np.empty((k, 2)),
         np.empty(2, np.int64),
-        np.empty((2, 3)),
-        np.empty((2, 3)),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
         np.empty((3, k)),
     )
 
 
-@numba.njit(**JIT)
+@numba.njit(inline="always", **JIT)
 def _find_contacts(pose: Pose, contacts: Contacts, m: int) -> tuple[float, int]:
     """Fill in what of m points touches the floor; returns H(n) and how many do."""
     points, com, n = pose.points, pose.com, pose.up
     radii, heights = contacts.radii, contacts.heights
     touching, flat = contacts.touching, contacts.flat
-    e1, e2 = contacts.floor[0], contacts.floor[1]
+    e1, e2 = contacts.e1, contacts.e2
     lift = n[0] * com[0] + n[1] * com[1] + n[2] * com[2]
     n0, n1, n2 = n[0], n[1], n[2]
     x, y, z = points[0], points[1], points[2]
@@ -103,16 +109,16 @@ def _find_contacts(pose: Pose, contacts: Contacts, m: int) -> tuple[float, int]:
     return height, c
 
 
-@numba.njit(**JIT)
+@numba.njit(inline="always", **JIT)
 def _plan_rotation(pose: Pose, contacts: Contacts, size: int) -> None:
     """Fill in the rotation that tips the body such that the center of mass gets lower.
 
     About one contact point (size 1) or the edge between two (size 2).
     """
     points, com, n = pose.points, pose.com, pose.up
-    e1, e2 = contacts.floor[0], contacts.floor[1]
+    e1, e2 = contacts.e1, contacts.e2
     touching, flat, simplex = contacts.touching, contacts.flat, contacts.simplex
-    base, v = contacts.tip[0], contacts.tip[1]
+    base, v = contacts.base, contacts.v
     i0 = touching[simplex[0]]
     if size == 1:
         px, py = flat[simplex[0], 0], flat[simplex[0], 1]
@@ -142,7 +148,7 @@ def _plan_rotation(pose: Pose, contacts: Contacts, size: int) -> None:
             v[r] = -v[r]
 
 
-@numba.njit(**JIT)
+@numba.njit(inline="always", **JIT)
 def _find_next_contact(pose: Pose, contacts: Contacts, m: int, height: float) -> int:
     """The first other point to touch: gap(t) = g - a cos t - b sin t falls to zero.
 
@@ -150,7 +156,7 @@ def _find_next_contact(pose: Pose, contacts: Contacts, m: int, height: float) ->
     Returns the point, -1 where there is none.
     """
     points, n, radii, heights = pose.points, pose.up, contacts.radii, contacts.heights
-    base, v, turns = contacts.tip[0], contacts.tip[1], contacts.turns
+    base, v, turns = contacts.base, contacts.v, contacts.turns
     i0 = contacts.touching[contacts.simplex[0]]
     x, y, z = points[0], points[1], points[2]
     cosine, sine, order = turns[0], turns[1], turns[2]
@@ -180,9 +186,18 @@ def _find_next_contact(pose: Pose, contacts: Contacts, m: int, height: float) ->
 
 
 @numba.njit(**JIT)
-def _tip_over(pose: Pose, contacts: Contacts, m: int) -> float:
-    """Tip in place until the contacts carry the center of mass. Returns H(n)."""
-    n, turns, base, v = pose.up, contacts.turns, contacts.tip[0], contacts.tip[1]
+def _settle_pose(pose: Pose, contacts: Contacts, m: int) -> float:
+    """Tip a posed body of m contact points until its contacts carry it.
+
+    Returns the height of the torso's center above the floor [m].
+    """
+    com, n, turns, base, v = (
+        pose.com,
+        pose.up,
+        contacts.turns,
+        contacts.base,
+        contacts.v,
+    )
     height = 0.0
     for _ in range(_MOST_TIPS):
         height, count = _find_contacts(pose, contacts, m)
@@ -190,11 +205,11 @@ def _tip_over(pose: Pose, contacts: Contacts, m: int) -> float:
             return np.nan
         size = find_nearest_on_hull(contacts.flat, count, contacts.simplex)
         if size == 3:
-            return height
+            break
         _plan_rotation(pose, contacts, size)
         first = _find_next_contact(pose, contacts, m, height)
         if first < 0:
-            return height
+            break
         ct, st, s = turns[0, first], turns[1, first], 0.0
         for r in range(3):
             n[r] = base[r] + (n[r] - base[r]) * ct + v[r] * st
@@ -202,7 +217,7 @@ def _tip_over(pose: Pose, contacts: Contacts, m: int) -> float:
         s = 1.0 / np.sqrt(s)
         for r in range(3):
             n[r] *= s
-    return height
+    return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
 @numba.njit(**JIT)
@@ -224,13 +239,6 @@ def _fill_contact_spheres(
             radii[k : k + 8] = 0.0
             k += 8
     return k
-
-
-@numba.njit(**JIT)
-def _settle_pose(pose: Pose, contacts: Contacts, m: int) -> float:
-    """Tip a posed body of m contact points over; the torso's height above the floor."""
-    height, n, com = _tip_over(pose, contacts, m), pose.up, pose.com
-    return height - (n[0] * com[0] + n[1] * com[1] + n[2] * com[2])
 
 
 @numba.njit(**JIT)

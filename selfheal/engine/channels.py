@@ -139,8 +139,8 @@ def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
     found = SENSOR_KINDS[kind]
     if not found.of_part:
         if part:
-            raise InputError(f"sensor {quote_name(name)}: {kind} is the torso's; would "
-                             f"fit: {kind}")  # fmt: skip
+            said = f"sensor {quote_name(name)}: {kind} is the torso's"
+            raise InputError(f"{said}; would fit: {kind}")
         return found, 0
     if part not in parts:
         raise UnknownNameError(f"part of sensor {kind}", part, parts)

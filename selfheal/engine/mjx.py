@@ -100,11 +100,9 @@ class Mjx:
     def _describe_program(self, a: Anatomy) -> "_Program":
         """What is compiled for an anatomy."""
         devices, batch = prepare_jax().devices(), self.batch
-        return _Program(
-            a.size, list_sphere_owners(a), a.feet, self.ramp, self.hold, batch,
-            max(n for n in range(1, len(devices) + 1) if batch % n == 0),
-            devices[0].platform,
-        )  # fmt: skip
+        count = max(n for n in range(1, len(devices) + 1) if batch % n == 0)
+        robot, times = (a.size, list_sphere_owners(a), a.feet), (self.ramp, self.hold)
+        return _Program(*robot, *times, batch, count, devices[0].platform)
 
     def _simulate_to_rest(self, bodies: Bodies, targets: Floats) -> Floats:
         """(N, 5 + F) what `_simulate` returns for each row."""

@@ -18,9 +18,8 @@ _RANGE = {"hip": np.radians([-96.0, 74.0]), "knee": np.radians([-96.0, 94.0])}
 # Servos that give way: published_body.xml's. A step of 10 ms walks within 2.4 mm of
 # one of 2 ms (median of 48 gaits of 5 s) and is five times as fast.
 WALKING = Physics(timestep=0.01, kp=40.0, kv=0.6)
-_LOST_SCALE = (
-    0.02  # scale of a part that is gone: MuJoCo needs some size and mass; chosen
-)
+# scale of a part that is gone: MuJoCo needs some size and mass; chosen
+_LOST_SCALE = 0.02
 
 
 @dataclass(frozen=True)
@@ -110,9 +109,10 @@ def apply_damages(plant: Plant, *damages: Damage) -> Plant:
     return plant
 
 
-def _compute_change(plant: Plant, damage: Damage) -> dict:
+def _compute_change(plant: Plant, damage: Damage) -> dict[str, object]:
     """What one damage changes."""
     anatomy, value, name = plant.body.anatomy, damage.value, damage.name
+    change: dict[str, object] = {}
     if damage.kind in ("part_scale", "limb_loss"):
         part = anatomy.parts.index(name)
         scale, least = np.ones((1, anatomy.size)), _LOST_SCALE / plant.body.thickness
@@ -121,23 +121,21 @@ def _compute_change(plant: Plant, damage: Damage) -> dict:
         else:
             lost = list_lost_parts(plant.body, part)
             scale[0, lost] = least[0, lost]
-        return {"body": scale_parts(plant.body, scale)}
-    if damage.kind == "joint_jam":
-        return {"jam": _replace_element(plant.jam, anatomy.joints.index(name), value)}
-    if damage.kind == "weak_motor":
+        change["body"] = scale_parts(plant.body, scale)
+    elif damage.kind == "joint_jam":
+        change["jam"] = _replace_element(plant.jam, anatomy.joints.index(name), value)
+    elif damage.kind == "weak_motor":
         joint = anatomy.joints.index(name.removesuffix("_servo"))
-        weaker = {"torque": plant.torque, "speed": plant.speed}
-        return {
-            k: _replace_element(v, joint, v[joint] * value) for k, v in weaker.items()
-        }
-    if damage.kind in ("sensor_dead", "weak_sensor"):
+        for key, values in (("torque", plant.torque), ("speed", plant.speed)):
+            change[key] = _replace_element(values, joint, values[joint] * value)
+    elif damage.kind in ("sensor_dead", "weak_sensor"):
         factor = plant.gain.get(name, 1.0) * value  # a dead one's value is 0
-        return {"gain": {**plant.gain, name: factor}}
-    if damage.kind == "slope":
-        return {"slope": np.array([value, damage.azimuth])}
-    if damage.kind == "ground_friction":
-        return {"physics": replace(plant.physics, friction=value)}
-    return {}
+        change["gain"] = {**plant.gain, name: factor}
+    elif damage.kind == "slope":
+        change["slope"] = np.array([value, damage.azimuth])
+    elif damage.kind == "ground_friction":
+        change["physics"] = replace(plant.physics, friction=value)
+    return change
 
 
 def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
@@ -198,10 +196,13 @@ def compute_set_points(
     )
     play = np.array([[p.backlash] for p in plants])
     late = [round(p.delay / period) for p in plants]
+    rows = zip(commands, late, start, strict=True)
     late_commands = np.stack(
-        [np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
-         for c, k, s in zip(commands, late, start, strict=True)]
-    )  # fmt: skip
+        [
+            np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
+            for c, k, s in rows
+        ]
+    )
     wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
     wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
     motor = limit_rate(wanted.swapaxes(0, 1), speed * period, start)

@@ -23,7 +23,6 @@ from ..body.changes import (
 from ..body.damage import Damage
 from ..body.legged import HIDDEN, LeggedRobot
 from ..machine import count_cores
-from .network import build_networks
 from .walk import FASTEST
 
 if TYPE_CHECKING:
@@ -145,23 +144,23 @@ def _apply_damage(plants: LeggedPlants, row: int, damage: Damage) -> None:
     if damage.kind == "limb_loss":
         gone = robot.list_bodies_below(name)
         plants.present[row, gone] = False
-        lost = [int(robot.joint_of_motor(d).bodyid[0]) in gone
-                for d in range(len(robot.motors))]  # fmt: skip
-        plants.motor_gain[row, lost] = 0.0
-        # an angle sensor is lost with its joint; a touch sensor touches nothing
-        for d in np.flatnonzero(lost).tolist():
-            angle = f"{robot.joint_of_motor(d).name}_position"
-            if angle in robot.sensors:
-                plants.sensor_gain[row, robot.sensors.index(angle)] = 0.0
+        joints = map(robot.joint_of_motor, range(len(robot.motors)))
+        for motor, joint in enumerate(joints):
+            if int(joint.bodyid[0]) in gone:
+                plants.motor_gain[row, motor] = 0.0
+                # its angle sensor is lost, too; a touch sensor touches nothing
+                if (angle := f"{joint.name}_position") in robot.sensors:
+                    plants.sensor_gain[row, robot.sensors.index(angle)] = 0.0
     elif damage.kind == "joint_jam":
         (place,) = (p for p in robot.damage_sites if p.name == name)
         plants.unlocked[row, list(place.dofs)] = False
-    elif damage.kind == "weak_motor":
-        plants.motor_gain[row, robot.motors.index(name)] *= value
-    elif damage.kind in ("sensor_dead", "weak_sensor"):
-        plants.sensor_gain[row, robot.sensors.index(name)] *= value
-    elif damage.kind == "neuron_dead":
-        plants.neuron_gain[row, int(name)] = 0.0
+    elif damage.kind in ("weak_motor", "sensor_dead", "weak_sensor", "neuron_dead"):
+        gain, names = {
+            "actuator": (plants.motor_gain, robot.motors),
+            "sensor": (plants.sensor_gain, robot.sensors),
+            "neuron": (plants.neuron_gain, robot.targets["neuron"]),
+        }[damage.target.partition(":")[0]]
+        gain[row, names.index(name)] *= value  # a dead one's value is 0
     elif damage.kind == "ground_friction":
         plants.friction[row] = value
     elif damage.kind in ("slope", "wind"):
@@ -176,28 +175,36 @@ def _apply_damage(plants: LeggedPlants, row: int, damage: Damage) -> None:
 def simulate_controllers(
     plants: LeggedPlants, weights: Floats, steps: int = STEPS
 ) -> Rollouts:
-    """Let robots run under their controllers.
+    """Let robots run under their controllers, which are evaluated at every step.
+
+    Sensors, a bias where the robot's network has one, four hidden neurons, a motor each
+    (overview.txt 4.2.2; 68 and 120 synapses, 4.3). Hidden neurons have a threshold: +1
+    or -1. The values that arrive at the motors are scaled to angles: kept within
+    [-1, 1], the range of every neuron, times how far the joints reach.
 
     Args:
-        weights: (N, synapses).
+        weights: (N, synapses), those of the inputs first [1].
         steps: of 10 ms.
     """
     batch = _build_batch(plants)
-    net = build_networks(plants.robot, weights, plants.neuron_gain)
     pressed, ctrl = batch.bind("sensordata"), batch.bind("ctrl")
     place = batch.bind("qpos")[:, :3]
     feet, count = plants.robot.feet, len(plants)
     samples = steps // STEPS_PER_SAMPLE
     sensed = np.zeros((count, samples, pressed.shape[1]))
     path = np.empty((count, samples, 3))
-    now = np.empty((count, pressed.shape[1]))
+    inputs = np.ones((count, pressed.shape[1] + plants.robot.has_bias))
+    now, (inner, outer) = inputs[:, : pressed.shape[1]], _split(plants.robot, weights)
     begin = np.empty(count)
     with np.errstate(all="ignore"):
         for step in range(steps):
             now[:, :feet] = np.where(pressed[:, :feet] > 0, 1.0, -1.0)
             now[:, feet:] = np.clip(pressed[:, feet:] / plants.robot.reach, -1, 1)
             now *= plants.sensor_gain
-            ctrl[:] = net.compute_targets(now)
+            arrived = np.matmul(inputs[:, None], inner)[:, 0]
+            hidden = np.where(arrived > 0, plants.neuron_gain, -plants.neuron_gain)
+            out = np.matmul(hidden[:, None], outer)[:, 0]
+            ctrl[:] = plants.robot.reach * np.clip(out, -1, 1)
             batch.step()
             if step == 0:
                 begin = place[:, 0].copy()
@@ -209,6 +216,14 @@ def simulate_controllers(
     failed |= ~(np.abs(batch.bind("qvel")) < FASTEST).all(axis=1)
     sensed[failed] = path[failed] = np.nan
     return Rollouts(np.where(failed, -np.inf, way), sensed, path, failed)
+
+
+def _split(robot: LeggedRobot, weights: Floats) -> tuple[Floats, Floats]:
+    """Weights (N, S + bias, HIDDEN) of inputs, and (N, HIDDEN, D) of hidden neurons."""
+    inputs = len(robot.sensors) + robot.has_bias
+    inner, outer = np.split(weights, [inputs * HIDDEN], axis=1)
+    shape = HIDDEN, len(robot.motors)
+    return inner.reshape(-1, inputs, HIDDEN), outer.reshape(-1, *shape)
 
 
 def _build_batch(plants: LeggedPlants) -> "Batch":

@@ -9,7 +9,7 @@ _MISSED_PROBABILITY, _RIGHT_BY_CHANCE = 0.25, 0.8
 
 
 def compute_attachment_probability(
-    parent: Ints, belief: Floats, best: Ints, *, survived: int, ordered: bool = True
+    parent: Ints, belief: Floats, best: Ints, *, survived: int, ordered: bool
 ) -> Floats:
     """(P) probability that each part hangs on the parent it has in the best body.
 

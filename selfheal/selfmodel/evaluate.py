@@ -70,13 +70,7 @@ class Evaluator:
         loss: Loss | None = None,
         progress: Callable[[int], None] | None = None,
     ) -> None:
-        """See the class.
-
-        Args:
-            actions: (A, P) joint targets [rad].
-            loss: of one action; None: of all of the robot's sensors.
-            progress: is told the simulations so far.
-        """
+        """`loss` None: that of all sensors; `progress` gets the simulations so far."""
         self.progress = progress or (lambda count: None)
         self.anatomy, self.engine, self.actions = anatomy, engine, actions
         self.loss = loss or list_channels(anatomy).loss

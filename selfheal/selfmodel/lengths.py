@@ -16,7 +16,7 @@ import numpy as np
 from ..body.body import Bodies, Floats
 from ..body.genome import LENGTH_RANGE, Genomes, build_bodies
 from .crowding import run_generation
-from .schema import CHANNELS, PoseEvaluator, make_lengths_plan, set_lengths
+from .schema import PoseEvaluator, SearchPlan
 
 # Servos of 2006 miss by 1.2 degrees on average (papers.md 1.1), chosen: by standard
 # deviations of a degree that stays and one that is new in every pose [deg]; sensors
@@ -42,31 +42,28 @@ Ask = Callable[[int], Floats]
 
 
 def estimate_lengths(
-    known: Genomes,
+    plan: SearchPlan,
     like: Bodies,
     offers: Floats,
     ask: Ask,
     *,
-    sensors: tuple[str, ...],
     stages: Sequence[int],
     rng: np.random.Generator,
 ) -> tuple[Genomes, int]:
     """Find the lengths of a body whose tree is known.
 
     Args:
-        known: the tree (1).
+        plan: of `schema.make_lengths_plan`, for the tree and the sensors that count.
         like: any body of the robot's anatomy.
         offers: (A, P) poses that the robot can hold [rad].
         ask: has it hold one of them; the channels of `schema` (7) measured there.
-        sensors: names of `schema.CHANNELS` that are heard.
         stages: how many poses are asked for before each estimation. All are chosen,
-            by what is believed so far; at random where feet alone are heard.
+            by what is believed so far; at random where feet alone count.
 
     Returns:
         The best model (1), and the simulations, those for choosing poses included.
     """
-    plan = replace(make_lengths_plan(known, sensors), population=_MODELS, cap=_CAP)
-    search = _LengthSearch(known, PoseEvaluator(like, plan), rng)
+    search = _LengthSearch(PoseEvaluator(like, replace(plan, cap=_CAP)), rng)
     tried, felt = list[int](), list[Floats]()
     for count in stages:
         new = search.choose_poses(offers, tried, count)
@@ -79,23 +76,19 @@ def estimate_lengths(
 class _LengthSearch:
     """The search; a model is its lengths [mm], then its zeros [deg]."""
 
-    def __init__(
-        self, known: Genomes, judge: PoseEvaluator, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, judge: PoseEvaluator, rng: np.random.Generator) -> None:
         """Nothing known yet."""
-        self.known, self.judge, self.rng = known, judge, rng
-        self.size = known.parent.shape[1]
+        self.judge, self.rng, self.size = judge, rng, judge.plan.genes
         self.genes = rng.random((_MODELS, self.size))
-        heard = [c for name in judge.plan.sensors for c in CHANNELS[name]]
-        self.smooth = [c for c in heard if c < len(_SENSORS)]
-        self.feet = [c for c in heard if c >= len(_SENSORS)]
+        self.smooth = [c for c in judge.columns if c < len(_SENSORS)]
+        self.feet = [c for c in judge.columns if c >= len(_SENSORS)]
         self.best = np.zeros(0)
 
     def build_genomes(self, models: Floats) -> Genomes:
         """Bodies of models (N)."""
         low, high = LENGTH_RANGE
         genes = (models[:, : self.size] / 1000 - low) / (high - low)
-        return set_lengths(self.known, genes)
+        return self.judge.plan.decode(genes)
 
     def predict_channels(self, models: Floats, poses: Floats) -> Floats:
         """(N, n, 7) channels of N models in n poses."""
@@ -104,7 +97,7 @@ class _LengthSearch:
         return self.judge.simulate_poses(bodies, targets)
 
     def compute_slopes(self, models: Floats, poses: Floats) -> Floats:
-        """(N, n, C, 2 P) slopes of the smooth channels that are heard."""
+        """(N, n, C, 2 P) slopes of the smooth channels that count."""
         step = np.repeat(_NUDGE, self.size)
         moved = models[:, None] + np.vstack([0 * step, np.diag(step)])
         shape = (*moved.shape[:2], len(poses), -1)
@@ -219,10 +212,14 @@ class _LengthSearch:
 
         found = least_squares(
             lambda x: self.compute_residuals(x, poses, felt, weights),
-            np.clip(start, low + 1e-6, high - 1e-6), slopes, bounds=(low, high),
-            x_scale=np.repeat([10.0, 1.0], self.size), loss="cauchy",
-            f_scale=_ROBUST, max_nfev=_STEPS,
-        )  # fmt: skip
+            np.clip(start, low + 1e-6, high - 1e-6),
+            slopes,
+            bounds=(low, high),
+            x_scale=np.repeat([10.0, 1.0], self.size),
+            loss="cauchy",
+            f_scale=_ROBUST,
+            max_nfev=_STEPS,
+        )
         return found.x
 
     def compute_cost(self, model: Floats, poses: Floats, felt: Floats) -> float:

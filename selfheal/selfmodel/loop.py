@@ -138,11 +138,9 @@ class _IdentifyLoop:
     ) -> None:
         self.robot, self.settings = robot, settings
         name = settings.engine
-        self.space = find_space(
-            settings.space,
-            known_lengths=settings.known_lengths,
-            ordered=robot.anatomy.ordered,
-        )
+        space = find_space(settings.space)
+        lengths = space.lengths and not settings.known_lengths
+        self.space = replace(space, lengths=lengths, ordered=robot.anatomy.ordered)
         self.evaluator = Evaluator(
             robot.anatomy,
             make_engine("statics" if name == "auto" else name),

@@ -116,8 +116,8 @@ class Neighborhood:
             close = np.flatnonzero((loss + e <= best + _WINDOW) & np.isfinite(loss))
             flat = self._distinct[row][close]
             turn, trade = np.divmod(flat, len(self.twins.trade))
-            found.append((np.full_like(flat, row), turn, trade, loss[close],
-                          loss[close] + e))  # fmt: skip
+            costs = loss[close], loss[close] + e
+            found.append((np.full_like(flat, row), turn, trade, *costs))
         columns = [np.concatenate(x) for x in zip(*found, strict=True)]
         order = np.argsort(np.round(columns[-1], 6), kind="stable")
         return Hypotheses(self.bodies, self.twins, *(x[order] for x in columns))
@@ -203,9 +203,9 @@ class Neighborhood:
         best = (self.bodies.losses + self._compute_prior_costs()).min()
         around = []
         for row in range(min(_CENTERS, len(losses))):
-            flat = int(self._distinct[row][np.argmin(losses[row])])
-            turn, trade = divmod(flat, len(self.twins.trade))
-            twin = self.twins.map_genome(self.bodies.genomes, row, turn, trade)
+            flat = self._distinct[row][[np.argmin(losses[row])]]
+            which = np.divmod(flat, len(self.twins.trade))
+            twin = self.twins.map_genomes(self.bodies.genomes[[row]], *which)
             around.append(list_neighbors(self.finder.space, twin))
         genomes = concatenate_genomes(*around)
         prior = self.finder.compute_prior(genomes)

@@ -113,7 +113,6 @@ class DynamicsResult:
         diagnosis: path of the folder with what was found.
         model: path of the best body with it.
         held: whether the torso lay still in all moves, and counts as bolted down.
-        verdict: of the diagnosis.
         given: error of the best body on a held-out move [1].
         patched: the same with what was found [1].
         floor: what noise alone leaves [1].
@@ -135,10 +134,6 @@ class IdentifyResult:
 
     Attributes:
         format: "selfheal-identify".
-        version: of it.
-        robot: its name.
-        method: of the search.
-        seed: of everything random.
         parent: (P) what each part hangs on; 0 is the torso.
         sureness: (P) stated probability that each attachment is right.
         length: (P) of the parts [m].
@@ -175,8 +170,7 @@ def load_run(path: str | os.PathLike[str]) -> Run:
         RunFileError: missing, held by another process, truncated, no run file, or of
             another version.
     """
-    what = "run file"
-    with open_members(path, what, form=FORMAT, version=VERSION) as file:
+    with open_members(path, "run file", form=FORMAT, version=VERSION) as file:
         return _read_run(file)
 
 

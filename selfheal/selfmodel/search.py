@@ -260,8 +260,9 @@ class RivalSearch:
         turn, trade = np.unravel_index(int(np.argmin(losses)), losses.shape)
         if losses[turn, trade] > losses[0, 0] - 1e-6:
             return genome, table, float(losses[0, 0])
-        twin = self.twins.map_genome(genome, 0, int(turn), int(trade))
-        table = self.twins.map_table(table, int(turn), int(trade))
+        which = np.array([turn]), np.array([trade])
+        twin = self.twins.map_genomes(genome, *which)
+        table = self.twins.map_tables(table[None], *which)[0]
         return twin, table, float(losses[turn, trade])
 
     def _start_climber(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -66,17 +67,14 @@ class SecondEngine:
         """
         if self._started.done():
             self._compile()
-        pairs = [(row, action) for row in range(len(genomes))
-                 for action in evidence.tried]  # fmt: skip
-        keys = [
-            make_genome_key(genomes, row) + action.to_bytes(4, "little")
-            for row, action in pairs
-        ]
-        new = [i for i, key in enumerate(keys)
-               if key not in self.known and key not in self._asked]  # fmt: skip
+        pairs = [*product(range(len(genomes)), evidence.tried)]
+        bodies = [make_genome_key(genomes, row) for row in range(len(genomes))]
+        keys = [bodies[row] + action.to_bytes(4, "little") for row, action in pairs]
+        old = self.known.keys() | self._asked
+        new = [i for i, key in enumerate(keys) if key not in old]
         rows, actions = np.array(pairs)[new].T
-        bodies = build_bodies(self.evaluator.anatomy, genomes)[rows]
-        asked = bodies, self.evaluator.actions[actions]
+        built = build_bodies(self.evaluator.anatomy, genomes)[rows]
+        asked = built, self.evaluator.actions[actions]
         answer = self._thread.submit(self._simulate, *asked) if new else None
         names = [keys[i] for i in new]
         self._asked.update(names)
@@ -115,10 +113,10 @@ class SecondEngine:
         shape = (len(tables), len(evidence), evidence.measured.shape[1])
         second = np.array([self.known[key] for key in question.keys]).reshape(shape)
         first = tables[:, list(evidence.tried)]
-        loss, measured = self.evaluator.loss, evidence.measured
-        pair = [np.where(np.isnan(x).any(axis=2), np.inf, loss(x, measured))
-                for x in (first, second)]  # fmt: skip
-        return np.minimum(*pair).sum(axis=1)
+        both = np.stack([first, second])
+        each = self.evaluator.loss(both, evidence.measured)
+        each = np.where(np.isnan(both).any(axis=3), np.inf, each)
+        return each.min(axis=0).sum(axis=1)
 
     def capture_state(self) -> dict[str, np.ndarray]:
         """What `restore_state` needs."""

@@ -1,12 +1,12 @@
 """Spaces of bodies and the small changes that lead from one body to its neighbors."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 
-from ..body.body import Anatomy, Floats, Ints
+from ..body.body import Anatomy, Ints
 from ..body.genome import (
     HINGE_NAMES,
     LENGTH_RANGE,
@@ -52,24 +52,15 @@ SPACES = {
 }
 
 
-def find_space(
-    name: str, *, known_lengths: bool = False, ordered: bool = True
-) -> BodySpace:
-    """The space of a name.
-
-    Args:
-        name: of `SPACES`.
-        known_lengths: whether lengths are taken out of "full".
-        ordered: whether a part hangs on one before it.
+def find_space(name: str) -> BodySpace:
+    """The space of a name, of `SPACES`.
 
     Raises:
         UnknownNameError: no such space.
     """
     if name not in SPACES:
         raise UnknownNameError("space", name, SPACES)
-    space = SPACES[name]
-    lengths = space.lengths and not known_lengths
-    return replace(space, lengths=lengths, ordered=ordered)
+    return SPACES[name]
 
 
 def draw_space_genomes(
@@ -93,11 +84,8 @@ def _copy_genome(genome: Genomes, count: int) -> Genomes:
 @lru_cache
 def _list_spots(p: int, ordered: bool) -> Ints:
     """(S, 3) each of p parts, possible parent and side."""
-    return np.array([
-        (i, k, s) for i in range(p)
-        for k in range(i + 1 if ordered else p + 1) if k != i + 1
-        for s in range(4)
-    ])  # fmt: skip
+    places = ((i, k) for i in range(p) for k in range(i + 1 if ordered else p + 1))
+    return np.array([(i, k, s) for i, k in places if k != i + 1 for s in range(4)])
 
 
 def _reattach_parts(space: BodySpace, genome: Genomes) -> Genomes:
@@ -114,13 +102,9 @@ def _reattach_parts(space: BodySpace, genome: Genomes) -> Genomes:
 
 def _permute_attachments(genome: Genomes, orders: Ints) -> Genomes:
     """Attachments handed from part to part: part i takes that of orders[., i]."""
-    out = Genomes(
-        genome.parent[0][orders],
-        genome.placement[0][orders],
-        genome.hinge[0][orders],
-        np.repeat(genome.length, len(orders), axis=0),
-    )
-    return out
+    attached = genome.parent, genome.placement, genome.hinge
+    length = np.repeat(genome.length, len(orders), axis=0)
+    return Genomes(*(gene[0][orders] for gene in attached), length)
 
 
 def _relabel_parts(genome: Genomes, orders: Ints) -> Genomes:
@@ -182,12 +166,7 @@ def list_neighbors(space: BodySpace, genome: Genomes) -> Genomes:
 
 
 def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> Genomes:
-    """Bodies one small continuous change away; none where every gene is discrete.
-
-    Args:
-        genome: (1) that is changed.
-        rng: draws the sizes of the changes.
-    """
+    """Bodies one small continuous change away from one (1), none of discrete genes."""
     batches = [genome[:0]]
     if not space.sides:
         batches.append(_nudge_gene(genome, "placement", rng))
@@ -197,20 +176,12 @@ def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> 
 
 
 def keep_others(space: BodySpace, around: Genomes, genome: Genomes) -> Genomes:
-    """The valid ones that differ from the genome.
-
-    Args:
-        genome: (1) that they are compared with.
-    """
+    """The valid ones that differ from a genome (1)."""
     return around[find_others(space, around, genome)]
 
 
 def find_others(space: BodySpace, around: Genomes, genome: Genomes) -> np.ndarray:
-    """(N) whether genomes are valid and differ from one.
-
-    Args:
-        genome: (1) that they are compared with.
-    """
+    """(N) whether genomes are valid and differ from one (1)."""
     return is_valid(space, around) & ~is_same(around, genome)
 
 
@@ -233,26 +204,16 @@ def is_same(genomes: Genomes, other: Genomes) -> np.ndarray:
 
 
 def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
-    """Uniform crossover: each part's genes from one of two genomes.
-
-    Args:
-        first: (1) genome.
-        second: (1) genome.
-    """
+    """Uniform crossover: each part's genes from one of two genomes (1)."""
     pick = rng.random(first.parent.shape) < 0.5
-    names = ("parent", "placement", "hinge", "length")
-    pairs = [(getattr(first, n), getattr(second, n)) for n in names]
+    pairs = [[getattr(g, f.name) for g in (first, second)] for f in fields(Genomes)]
     return Genomes(*(np.where(pick, a, b) for a, b in pairs))
 
 
 def perturb_genome(
     space: BodySpace, genome: Genomes, rng: np.random.Generator
 ) -> Genomes:
-    """A genome after two to four random small changes in a row.
-
-    Args:
-        genome: (1) that is changed.
-    """
+    """A genome (1) after two to four random small changes in a row."""
     for _ in range(rng.integers(2, 5)):
         around = list_neighbors(space, genome)
         genome = around[rng.integers(len(around), size=1)]
@@ -261,8 +222,7 @@ def perturb_genome(
 
 def make_genome_key(genomes: Genomes, row: int) -> bytes:
     """A hashable name of one genome, equal for bodies equal to a thousandth."""
-    numbers: list[Floats | Ints] = [
-        genomes.parent[row], np.round(genomes.placement[row] * 1000).astype(int) % 1000,
-        genomes.hinge[row], np.round(genomes.length[row] * 1e4).astype(int),
-    ]  # fmt: skip
-    return np.concatenate(numbers).tobytes()
+    placement = np.round(genomes.placement[row] * 1000).astype(int) % 1000
+    length = np.round(genomes.length[row] * 1e4).astype(int)
+    genes = genomes.parent[row], placement, genomes.hinge[row], length
+    return np.concatenate(genes).tobytes()

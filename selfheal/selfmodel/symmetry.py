@@ -46,7 +46,7 @@ class SymmetryGroup:
 
     @classmethod
     def from_actions(
-        cls, anatomy: Anatomy, actions: Floats, *, hinges_known: bool = True
+        cls, anatomy: Anatomy, actions: Floats, *, hinges_known: bool
     ) -> "SymmetryGroup":
         """The group for an anatomy and its actions.
 
@@ -99,19 +99,6 @@ class SymmetryGroup:
         total[:, known] = each
         return total
 
-    def map_table(self, table: Floats, turn: int, trade: int) -> Floats:
-        """Channels of one twin of a body under every action.
-
-        Args:
-            table: (A, C) the body's channels under every action.
-            turn: row in `turns`.
-            trade: row in `trade`.
-
-        Returns:
-            (A, C) channels; NaN where not known.
-        """
-        return self.map_tables(table[None], np.array([turn]), np.array([trade]))[0]
-
     def map_tables(self, tables: Floats, turn: Ints, trade: Ints) -> Floats:
         """Channels of a twin of each body under every action.
 
@@ -128,15 +115,6 @@ class SymmetryGroup:
         twins = found @ self.channel[turn].transpose(0, 2, 1)
         twins = np.take_along_axis(twins, self.column[trade][:, None], axis=2)
         return np.where((source < 0)[..., None], np.nan, twins)
-
-    def map_genome(self, genomes: Genomes, row: int, turn: int, trade: int) -> Genomes:
-        """The genome (1) of one twin of a body.
-
-        Args:
-            turn: row in `turns`.
-            trade: row in `trade`.
-        """
-        return self.map_genomes(genomes[[row]], np.array([turn]), np.array([trade]))
 
     def map_genomes(self, genomes: Genomes, turn: Ints, trade: Ints) -> Genomes:
         """The genomes of a twin of each body.
@@ -172,13 +150,10 @@ def _round_actions(actions: Floats) -> Floats:
 def classify_parts(anatomy: Anatomy) -> Ints:
     """(P) a number for each part, the same for parts that are alike."""
     a = anatomy
-    own = [{s.partition(":")[0] for s in a.sensors if s.endswith(f":{part}")}
-           for part in a.parts]  # fmt: skip
-    sensors = [[kind in found for kind in SENSOR_KINDS] for found in own]
-    kind = np.column_stack([
-        a.length, a.radius, a.mass, a.block_half, a.block_mass, np.array(sensors),
-        a.hinges or np.zeros(a.size), a.bends or np.zeros(a.size),
-    ])  # fmt: skip
+    sensors = [[f"{k}:{part}" in a.sensors for k in SENSOR_KINDS] for part in a.parts]
+    sizes = a.length, a.radius, a.mass, a.block_half, a.block_mass
+    turns = a.hinges or np.zeros(a.size), a.bends or np.zeros(a.size)
+    kind = np.column_stack([*sizes, np.array(sensors), *turns])
     return np.unique(np.round(kind, 9), axis=0, return_inverse=True)[1].ravel()
 
 
@@ -211,16 +186,14 @@ def _build_channel_map(channels: Channels, quarters: int, mirrored: int) -> Floa
     matrix = np.eye(len(channels))
     first = {kind.code: name for name, kind in SENSOR_KINDS.items()}
     # up = (sin fb, -sin lr) turns with the body: fb' = lr, lr' = -fb; so do x and y
-    turns = {"tilt": np.array([[0.0, -1], [1, 0]]),
-             "position": np.array([[0.0, -1], [1, 0]])}  # fmt: skip
+    left = np.linalg.matrix_power(np.array([[0.0, -1], [1, 0]]), quarters)
     flipped = {"tilt": 0, "gravity": 1, "position": 1}  # axis that a mirror turns
     for c in np.flatnonzero(channels.axis == 0):
         name = first[int(channels.code[c])]
         if mirrored and name in flipped:
             matrix[c + flipped[name], c + flipped[name]] = -1.0
-        if name in turns:
-            turn = np.linalg.matrix_power(turns[name], quarters)
-            matrix[c : c + 2] = turn @ matrix[c : c + 2]
+        if name in ("tilt", "position"):
+            matrix[c : c + 2] = left @ matrix[c : c + 2]
     return matrix
 
 
@@ -233,8 +206,7 @@ def _trade_columns(channels: Channels, trade: Ints) -> Ints:
     keys = zip(channels.code, channels.part, channels.axis, strict=True)
     place = {tuple(map(int, key)): c for c, key in enumerate(keys)}
     back = np.argsort(trade, axis=1)  # part i of the twin was part back[i]
-    return np.array([
-        [place[code, int(row[part - 1]) + 1 if part else 0, axis]
-         for code, part, axis in place]
-        for row in back
-    ])  # fmt: skip
+    label = np.hstack([np.zeros((len(trade), 1), np.int64), back + 1]).tolist()
+    return np.array(
+        [[place[code, row[part], axis] for code, part, axis in place] for row in label]
+    )

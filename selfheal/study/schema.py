@@ -135,9 +135,8 @@ def _run_task(settings: RunSettings) -> Outcome:
     known = decode_unit_genes(truth.anatomy, np.array([_TRUE]))
     if what == "ours":
         stages = (len(offers),) if real else _STAGES
-        best, spent = estimate_lengths(
-            known, truth, offers, ask, sensors=sensors, stages=stages, rng=rng
-        )
+        plan = make_lengths_plan(known, sensors)
+        best, spent = estimate_lengths(plan, truth, offers, ask, stages=stages, rng=rng)
         return _measure_lengths(best, truth) | {"evaluations": spent}
     poses = offers[: _POSES[what]]
     seen = np.array([ask(k) for k in range(len(poses))])

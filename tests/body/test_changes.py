@@ -50,9 +50,11 @@ def test_no_step_is_larger_than_the_rate():
     assert np.abs(reached - GOALS).max() > 0.05
 
 
-def test_a_rate_that_is_never_reached_changes_nothing():
+def test_a_rate_that_is_never_reached_and_no_play_change_nothing():
     reached = limit_rate(GOALS, np.full((2, 3), 1e3), GOALS[0])
     np.testing.assert_allclose(reached, GOALS, atol=1e-13)
+    dragged = follow_with_play(GOALS, np.zeros((2, 1)), np.zeros((2, 3)))
+    np.testing.assert_array_equal(dragged, GOALS)
 
 
 def test_a_rate_may_differ_from_row_to_row():
@@ -69,8 +71,3 @@ def test_play_lags_by_its_half_and_bears_what_is_within():
     assert np.abs(dragged - GOALS).max() == pytest.approx(0.15)
     still = follow_with_play(0.1 * np.sin(GOALS), play, np.zeros((2, 3)))
     np.testing.assert_array_equal(still, 0)
-
-
-def test_no_play_changes_nothing():
-    dragged = follow_with_play(GOALS, np.zeros((2, 1)), np.zeros((2, 3)))
-    np.testing.assert_array_equal(dragged, GOALS)

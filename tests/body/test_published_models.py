@@ -96,9 +96,9 @@ def test_a_model_compiles_to_what_the_writer_writes(variant):
     body = load(_path(variant))
     ours = mujoco.MjModel.from_xml_path(str(_path(variant)))
     written = build_spec(body, 0, Physics()).compile()
-    for name in ("body_mass", "body_inertia", "body_ipos", "geom_friction", "jnt_axis",
-                 "dof_damping", "dof_armature", "actuator_gainprm",
-                 "actuator_biasprm", "site_pos", "body_pos"):  # fmt: skip
+    names = "body_mass body_inertia body_ipos body_pos site_pos geom_friction jnt_axis"
+    names += " dof_damping dof_armature actuator_gainprm actuator_biasprm"
+    for name in names.split():
         np.testing.assert_allclose(
             getattr(ours, name), getattr(written, name), atol=1e-9, err_msg=name
         )

@@ -20,10 +20,8 @@ prepare_jax()
 def test_without_a_folder_to_write_nothing_is_kept_and_that_is_said_once():
     nowhere = os.devnull + "/home"  # no folder: root passes permissions
     own = {"HOME": nowhere, "XDG_CACHE_HOME": nowhere}
-    done = subprocess.run(
-        [sys.executable, "-c", USE_BOTH], env=os.environ | own, text=True,
-        capture_output=True, check=False,
-    )  # fmt: skip
+    how = dict(env=os.environ | own, text=True, capture_output=True)
+    done = subprocess.run([sys.executable, "-c", USE_BOTH], check=False, **how)
     assert (done.returncode, done.stdout) == (0, "None\n"), done.stderr
     said = done.stderr.splitlines()
     assert len(said) == 2

@@ -1,10 +1,13 @@
 """Damaged plants: only what a damage says is changed; motors keep their limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from selfheal.body.damage import list_sensors, parse_damages
 from selfheal.engine.plant import (
+    Plant,
     apply_damages,
     build_rated_plant,
     compute_set_points,
@@ -18,26 +21,30 @@ BODY = load_published_body()
 ANATOMY = BODY.anatomy
 
 
+def _damage(said: str, plant: Plant | None = None) -> Plant:
+    """A rated plant, or this one, after damages."""
+    plant = plant or build_rated_plant(BODY)
+    return apply_damages(plant, *parse_damages(said, ANATOMY))
+
+
 def test_a_leg_is_lost_with_all_that_hangs_on_it():
     upper = ANATOMY.parts.index("right_upper")
     gone = [ANATOMY.parts[i] for i in list_lost_parts(BODY, upper)]
     assert gone == ["right_upper", "right_lower"]
-    after = apply_damages(
-        build_rated_plant(BODY), *parse_damages("loss:right_upper", ANATOMY)
-    ).body
+    after = _damage("loss:right_upper").body
     changed = np.flatnonzero(after.length[0] != BODY.length[0])
     assert [ANATOMY.parts[i] for i in changed] == gone
 
 
 def test_a_damage_changes_only_what_it_says():
     plant = build_rated_plant(BODY)
-    weak = apply_damages(plant, *parse_damages("weak:back_knee:0.4", ANATOMY))
+    weak = _damage("weak:back_knee:0.4", plant)
     joint = ANATOMY.joints.index("back_knee")
     ratio = weak.torque / plant.torque
     assert ratio[joint] == pytest.approx(0.4)
     assert np.all(np.delete(ratio, joint) == 1)
     assert weak.body is plant.body
-    dead = apply_damages(plant, *parse_damages("dead:vertical", ANATOMY))
+    dead = _damage("dead:vertical", plant)
     assert dead.gain == {"vertical": 0.0}
     assert set(list_sensors(ANATOMY)) >= {"vertical", "left_hip_position"}
 
@@ -49,7 +56,7 @@ def test_damages_of_one_part_add_up_and_never_shrink_it_beyond_a_lost_one():
     part = ANATOMY.parts.index("right_lower")
     assert twice.body.thickness[0, part] == pytest.approx(0.25)
     assert twice.gain["clearance"] == pytest.approx(0.25)
-    lost = apply_damages(plant, *parse_damages("loss:right_lower", ANATOMY)).body
+    lost = _damage("loss:right_lower").body
     most = apply_damages(plant, *8 * short, *parse_damages("loss:right_upper", ANATOMY))
     assert most.body.thickness[0, part] == pytest.approx(lost.thickness[0, part])
 
@@ -68,7 +75,7 @@ def test_what_hangs_on_a_lost_part_and_what_is_jammed_or_dead_is_gone():
 def test_plants_that_differ_in_what_they_read_move_alike():
     plant = build_rated_plant(BODY)
     said = ("dead:vertical", "lie:vertical", "weak:left_hip", "friction:0.2")
-    plants = [plant, *(apply_damages(plant, *parse_damages(s, ANATOMY)) for s in said)]
+    plants = [plant, *(_damage(s, plant) for s in said)]
     moving, place = list_motions(plants)
     assert place == [0, 0, 0, 1, 2]
     assert [id(p) for p in moving] == [id(plants[k]) for k in (0, 3, 4)]
@@ -89,8 +96,6 @@ def test_set_points_keep_to_the_motors_speed_and_range():
 
 
 def test_late_commands_with_play_follow_the_same_way_later():
-    from dataclasses import replace
-
     plant = replace(build_rated_plant(BODY), delay=0.05, backlash=0.02)
     time = np.arange(300) * 0.01
     commands = 0.3 * np.sin(2 * time)[:, None] * np.ones(ANATOMY.size)
@@ -99,9 +104,7 @@ def test_late_commands_with_play_follow_the_same_way_later():
 
 
 def test_a_jammed_joint_stays_where_it_is():
-    plant = apply_damages(
-        build_rated_plant(BODY), *parse_damages("jam:left_hip:20", ANATOMY)
-    )
+    plant = _damage("jam:left_hip:20")
     points = _points(plant, np.zeros((200, ANATOMY.size)))
     joint = ANATOMY.joints.index("left_hip")
     assert points[100:, joint] == pytest.approx(np.radians(20))

@@ -47,8 +47,8 @@ def test_what_is_nothing_changes_nothing(name):
 
 
 def test_damage_does_what_it_says(walker):
-    said = [(), (LOST,), (JAM,), (DEAF,), (Damage("neuron_dead", "neuron:0"),),
-            (Damage("wind", value=10.0),)]  # fmt: skip
+    neuron, wind = Damage("neuron_dead", "neuron:0"), Damage("wind", value=10.0)
+    said = [(), (LOST,), (JAM,), (DEAF,), (neuron,), (wind,)]
     drives = simulate_controllers(
         build_damaged_plants(QUADRUPED, said), np.tile(walker, (len(said), 1))
     )
@@ -72,8 +72,8 @@ def test_a_run_that_fails_never_wins(walker, monkeypatch):
     assert drives.failed.all() and (drives.displacement == -np.inf).all()
     assert np.isnan(drives.sensors).all()
     monkeypatch.undo()
-    pool = start_population(3, lambda g: np.where(g[:, 0] > 0, np.nan, g[:, 0]),
-                 np.random.default_rng(0))  # fmt: skip
+    rng = np.random.default_rng(0)
+    pool = start_population(3, lambda g: np.where(g[:, 0] > 0, np.nan, g[:, 0]), rng)
     assert pool.genomes[0, 0] <= 0 and np.isfinite(pool.scores[0])
 
 

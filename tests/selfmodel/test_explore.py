@@ -11,9 +11,8 @@ from selfheal.body.genome import (
     draw_genomes,
     encode_tree,
 )
-from selfheal.engine.statics import Statics
 from selfheal.selfmodel.attachment_probability import compute_attachment_probability
-from selfheal.selfmodel.evaluate import Evaluator, Evidence
+from selfheal.selfmodel.evaluate import Evidence
 from selfheal.selfmodel.explore import (
     choose_action,
     choose_first_action,
@@ -32,7 +31,6 @@ from selfheal.selfmodel.prior import (
     count_rules,
     draw_alike_genomes,
 )
-from selfheal.selfmodel.search import RivalSearch
 from selfheal.selfmodel.space import (
     draw_space_genomes,
     find_space,
@@ -42,6 +40,7 @@ from selfheal.selfmodel.space import (
 from selfheal.selfmodel.strategy import RivalStrategy
 from selfheal.selfmodel.symmetry import SymmetryGroup
 from tests.support.stick_robot import PARTS, Toy, anatomy
+from tests.support.stick_search import make_evaluator, make_search, measure_evidence
 
 ACTIONS = 10
 
@@ -87,14 +86,9 @@ def _trees(count: int) -> np.ndarray:
     return np.arange(count)[:, None]
 
 
-def test_an_action_on_which_all_agree_has_no_information():
-    tables = np.repeat(_tables(1), 6, axis=0)
-    score = belief_in_right(tables, _trees(6), _even(6))
-    np.testing.assert_allclose(score, 1 / 6, atol=1e-12)
-
-
-def test_more_disagreement_is_more_information():
-    tables, last = _tables(5), np.zeros(ACTIONS)
+def test_more_disagreement_is_more_information_and_none_is_none():
+    tables, last = _tables(5), belief_in_right(0 * _tables(5), _trees(5), _even(5))
+    np.testing.assert_allclose(last, 1 / 5)
     for scale in (0.01, 0.1, 1, 10):
         score = belief_in_right(scale * tables, _trees(5), _even(5))
         assert (score > last).all()
@@ -135,7 +129,7 @@ def test_what_an_action_says_of_bodies_of_one_tree_counts_for_nothing():
     np.testing.assert_allclose(belief_in_right(tilts, pairs, _even(4)), [0.5, 1])
 
 
-def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
+def test_an_even_question_is_worth_more_and_so_is_one_that_tells_bodies_of_a_tree():
     tilts, belief = np.zeros((4, 3, 3)), _even(4)
     tilts[:, 0, 0], tilts[:, 1, 0], tilts[:, 2, 0] = [0, 0, 0, 99], [0, 0, 99, 99], 0
     tree, body = predict_belief(tilts, _trees(4), belief, WEIGHT)
@@ -143,20 +137,15 @@ def test_of_questions_with_as_many_answers_the_even_one_is_worth_more():
     np.testing.assert_allclose(tree @ belief, [0.5, 0.5, 0.25])
     score = score_actions(tree, body, belief)
     assert score[1] > score[0] > score[2]
-
-
-def test_of_actions_that_say_nothing_of_the_tree_one_that_tells_bodies_is_worth_more():
-    tilts, belief = np.zeros((2, 2, 3)), _even(2)
-    tilts[1, 1, 0] = 99
-    score = score_actions(
-        *predict_belief(tilts, np.zeros((2, PARTS)), belief, WEIGHT), belief
-    )
-    assert score[1] > score[0]
+    same = predict_belief(tilts, np.zeros((4, PARTS)), belief, WEIGHT)
+    np.testing.assert_allclose(same[0] @ belief, 1)
+    score = score_actions(*same, belief)
+    assert score[1] > score[0] > score[2]
 
 
 def test_contrasts_count_the_like_parts_that_an_action_sends_apart():
     toy = Toy()
-    twins = SymmetryGroup.from_actions(toy.anatomy, toy.actions)
+    twins = SymmetryGroup.from_actions(toy.anatomy, toy.actions, hinges_known=True)
     # parts 1 and 2 are alike, and 3 and 4: two pairs
     apart = toy.actions[:, [0, 2]] != toy.actions[:, [1, 3]]
     found = count_contrasts(twins, toy.actions)
@@ -193,7 +182,7 @@ def test_the_prior_counts_rules_and_not_labels():
     free = find_space("free")
     costs = [compute_prior_cost(like, free, body) for body in (chain, star)]
     assert (costs[0] > costs[1]).all()
-    twins = SymmetryGroup.from_actions(like, Toy().actions)
+    twins = SymmetryGroup.from_actions(like, Toy().actions, hinges_known=True)
     genomes = _random(20)
     for turn in range(len(twins.turns)):
         for trade in range(len(twins.trade)):
@@ -212,7 +201,7 @@ def test_bodies_drawn_from_the_prior_are_valid_alike_and_the_likeliest_first(
     name, ordered
 ):
     like = replace(anatomy(), ordered=ordered)
-    space = find_space(name, ordered=ordered)
+    space = replace(find_space(name), ordered=ordered)
     drawn = draw_alike_genomes(like, space, 300, np.random.default_rng(0))
     assert is_valid(space, drawn).all()
     costs = compute_prior_cost(like, space, drawn)
@@ -225,42 +214,36 @@ def test_bodies_drawn_from_the_prior_are_valid_alike_and_the_likeliest_first(
     )
 
 
-@pytest.mark.parametrize("survived", [0, 1, 15])
-def test_sureness_is_a_probability(survived):
-    parent = _random(30).parent
-    belief = compute_plausibility(np.linspace(0, 5, 30))
-    sure = compute_attachment_probability(parent, belief, parent[0], survived=survived)
-    assert sure.shape == (PARTS,)
-    assert ((sure >= 0) & (sure <= 1 + 1e-12)).all()
-    assert sure[0] == 1  # the first part can only hang on the torso
-
-
-def test_a_body_that_was_best_for_longer_is_more_probable():
-    parent = _random(30).parent
-    belief = np.append(1, np.zeros(29))
-    new, old = (
-        compute_attachment_probability(parent, belief, parent[0], survived=survived)
-        for survived in (0, 10_000)
+def state_sureness(parent, belief, survived: int) -> np.ndarray:
+    """(P) sureness of the first of the trees."""
+    return compute_attachment_probability(
+        parent, belief, parent[0], survived=survived, ordered=True
     )
-    assert (new[1:] < old[1:]).all()
+
+
+def test_sureness_is_a_probability_that_rises_while_a_body_stays_the_best():
+    parent, belief = _random(30).parent, compute_plausibility(np.linspace(0, 5, 30))
+    last = np.zeros(PARTS)
+    for survived in (0, 1, 15):
+        sure = state_sureness(parent, belief, survived)
+        assert sure.shape == (PARTS,) and sure[0] == 1  # it hangs on the torso alone
+        assert ((sure > last) & (sure <= 1 + 1e-12))[1:].all()
+        last = sure
+    old = state_sureness(parent, np.append(1, np.zeros(29)), 10_000)
     np.testing.assert_allclose(old, 1, atol=1e-3)
 
 
 def test_bodies_that_explain_equally_well_share_the_sureness():
     parent = np.array([[0, 0, 1, 1], [0, 0, 1, 2], [0, 0, 0, 1], [0, 1, 1, 0]])
-    sure = compute_attachment_probability(parent, _even(4), parent[0], survived=10_000)
+    sure = state_sureness(parent, _even(4), 10_000)
     np.testing.assert_allclose(sure, [1, 0.75, 0.75, 0.5], atol=1e-3)
 
 
 @pytest.fixture(scope="module")
 def searched():
     """A search of the toy after two actions: evaluator, its search, evidence."""
-    toy = Toy()
-    evaluator = Evaluator(toy.anatomy, Statics(), actions=toy.actions)
-    rest = evaluator.simulate_actions(toy.truth[np.zeros(2, int)], np.array([0, 5]))
-    evidence = Evidence((0, 5), rest)
-    twins = SymmetryGroup.from_actions(toy.anatomy, toy.actions)
-    search = RivalSearch(find_space("free"), evaluator, twins)
+    evaluator, evidence = make_evaluator(), measure_evidence(0, 5)
+    search = make_search(evaluator)
     search.search(evidence, 3000, np.random.default_rng(0))
     return evaluator, search, evidence
 
@@ -323,16 +306,9 @@ def test_the_method_chooses_untried_actions_and_says_why(searched):
     method.search_bodies(evidence, evaluator.spent + 500, rng)
     action, why = method.choose_action(evidence, rng)
     assert action not in evidence.tried and "belief" in why
-
-
-def test_of_bodies_that_fit_equally_the_one_with_fewer_limbs_is_more_probable(searched):
-    evaluator, search, _ = searched
-    method = RivalStrategy(evaluator, find_space("free"), random_actions=False)
-    method.finder = search
-    rivals = method.list_rivals()
-    assert (
-        np.diff(rivals.losses + method.compute_prior(rivals.genomes)) >= -1e-12
-    ).all()
+    rivals = method.list_rivals()  # of those that fit equally, the plainer one first
+    costs = rivals.losses + method.compute_prior(rivals.genomes)
+    assert (np.diff(costs) >= -1e-12).all()
 
 
 def test_bodies_alike_are_all_that_no_action_tells_from_the_best(searched):

@@ -12,6 +12,7 @@ from selfheal.selfmodel.schema import (
     SENSOR_SETS,
     SearchPlan,
     estimate_models,
+    make_lengths_plan,
     set_lengths,
     simulate_channels,
 )
@@ -54,8 +55,10 @@ def test_our_lengths_of_robots_whose_zeros_are_off(sensors, robots, known):
             asked.append(pose)
             return simulate_channels(truth, targets[[pose]], Statics())[0]
 
-        how = dict(sensors=sensors, rng=rng, stages=stages)
-        found, spent = estimate_lengths(known, truth, offers, ask, **how)
+        plan = make_lengths_plan(known, sensors)
+        found, spent = estimate_lengths(
+            plan, truth, offers, ask, stages=stages, rng=rng
+        )
         assert len(set(asked)) == len(asked) == sum(stages) and spent > 0
         gaps.append(np.abs(found.length - truth.length).mean())
     # a servo that is off by a degree moves a foot by 3 mm
@@ -63,17 +66,14 @@ def test_our_lengths_of_robots_whose_zeros_are_off(sensors, robots, known):
 
 
 def test_feet_alone_tell_lengths_without_slopes(known, rng):
-    truth, offers = (
-        load_published_body(),
-        np.radians(30) * rng.choice([-1.0, 1.0], (30, 8)),
-    )
+    truth = load_published_body()
+    offers = np.radians(30) * rng.choice([-1.0, 1.0], (30, 8))
 
     def ask(pose):
         return simulate_channels(truth, offers[[pose]], Statics())[0]
 
-    found, _ = estimate_lengths(
-        known, truth, offers, ask, sensors=("touch",), stages=(4, 4), rng=rng
-    )
+    plan = make_lengths_plan(known, ("touch",))
+    found, _ = estimate_lengths(plan, truth, offers, ask, stages=(4, 4), rng=rng)
     low, high = LENGTH_RANGE
     assert ((found.length >= low) & (found.length <= high)).all()
 

@@ -15,8 +15,7 @@ from tests.support.stick_search import make_evaluator
 @pytest.mark.parametrize("off, is_told", [(0.0, False), (0.004, False), (0.09, True)])
 def test_a_part_goes_to_the_middle_unless_an_action_tells(off, is_told):
     truth, evaluator = center_on_sides(truth_genome()), make_evaluator()
-    shift = np.array([[0, off, 0, 0]])
-    moved = replace(truth, placement=truth.placement + shift)
+    moved = replace(truth, placement=truth.placement + np.array([0, off, 0, 0]))
     table = evaluator.compute_table(moved)[0]
     evidence = Evidence((0, 3), table[[0, 3]])
     plain, seen = find_plainest(evaluator, moved, table, evidence)
@@ -27,7 +26,8 @@ def test_a_part_goes_to_the_middle_unless_an_action_tells(off, is_told):
 
 def test_each_part_is_asked_where_all_at_once_are_told():
     truth, evaluator = center_on_sides(truth_genome()), make_evaluator()
-    moved = replace(truth, placement=truth.placement + [[0.004, 0.09, 0, 0.004]])
+    shift = np.array([0.004, 0.09, 0, 0.004])
+    moved = replace(truth, placement=truth.placement + shift)
     table = evaluator.compute_table(moved)[0]
     plain, _ = find_plainest(evaluator, moved, table, Evidence((1,), table[[1]]))
     middle = plain.placement == truth.placement
@@ -36,7 +36,7 @@ def test_each_part_is_asked_where_all_at_once_are_told():
 
 def test_readings_that_speak_against_the_middle_are_heard():
     truth, evaluator = center_on_sides(truth_genome()), make_evaluator()
-    moved = replace(truth, placement=truth.placement + [[0.012, 0, 0, 0]])
+    moved = replace(truth, placement=truth.placement + np.array([0.012, 0, 0, 0]))
     table = evaluator.compute_table(moved)[0]
     gap = np.abs(table - evaluator.compute_table(truth)[0]) * evaluator.loss.weight
     assert gap.max() < 1  # no single action tells

@@ -26,6 +26,7 @@ def test_climbers_of_scales_stay_in_range_and_find_a_shortened_part(known, rng):
     search.climb(evidence, 150, rng)
     assert (search.losses <= before).all() and search.losses[0] < before[0] / 4
     assert search.genes.min() >= SCALES[0] and search.genes.max() <= SCALES[1]
-    whole, found = (measure_length_error(search.build_bodies(g), broken)[0]
-                    for g in (np.ones((1, 8)), search.genes[:1]))  # fmt: skip
+    genes = np.vstack([np.ones(8), search.genes[0]])
+    bodies = search.build_bodies(search.decode_genes(genes), genes)
+    whole, found = measure_length_error(bodies, broken)
     assert found < whole

@@ -56,11 +56,10 @@ def draw_sticks(count: int) -> Genomes:
     return draw_genomes(anatomy(), count, np.random.default_rng(2), False)
 
 
-def make_search(evaluator: Evaluator, space=FREE) -> RivalSearch:
+def make_search(evaluator: Evaluator) -> RivalSearch:
     """A search for bodies of the stick robot."""
-    return RivalSearch(
-        space, evaluator, SymmetryGroup.from_actions(TOY.anatomy, TOY.actions)
-    )
+    twins = SymmetryGroup.from_actions(TOY.anatomy, TOY.actions, hinges_known=True)
+    return RivalSearch(FREE, evaluator, twins)
 
 
 def race_sticks(
