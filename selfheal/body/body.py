@@ -23,7 +23,6 @@ class Anatomy:
     """What a robot knows of its parts before it asks how they are attached.
 
     Attributes:
-        name: of the robot.
         parts: (P) names of parts 1..P.
         joints: (P) names of the joints that move them.
         torso_half: (3) half sizes of the torso box [m].
@@ -39,7 +38,6 @@ class Anatomy:
         feet: the parts (1..P) whose tips feel the floor.
         hinges: (P) known kinds of hinges, as `genome.HINGE_NAMES`; empty: all lift.
         bends: (P) by how much parts leave their parents downward [rad]; empty: by 0.
-        fixed: whether the torso is bolted to the world.
         ordered: whether a part's parent is the torso or a part listed before it.
         sensors: of the robot at rest, as `engine.channels` names them.
     """
@@ -74,7 +72,6 @@ class Bodies:
     """A batch of N bodies made of one anatomy's parts.
 
     Attributes:
-        anatomy: the parts.
         parent: (N, P) parent of part 1..P; 0 is the torso, else a part: one before it
             where the anatomy is ordered.
         anchor: (N, P, 3) the joint in the parent's frame [m].
@@ -116,9 +113,6 @@ def scale_parts(bodies: Bodies, scale: Floats) -> Bodies:
     Args:
         scale: (N, P) factor on length, diameter, mass and housing of each part
             [1], 0.1 to 2 in the paper. A joint on a scaled part moves with it.
-
-    Returns:
-        N new bodies.
     """
     scale = np.broadcast_to(np.asarray(scale, float), bodies.length.shape)
     on_torso = np.ones((len(bodies), 1))

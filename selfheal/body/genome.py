@@ -68,9 +68,6 @@ def encode_tree(anatomy: Anatomy, parent: Ints, placement: Floats) -> Genomes:
     Args:
         parent: (N, P) or (P) what each part is attached to; 0 is the torso.
         placement: (N, P) or (P) where on its parent's perimeter [rounds].
-
-    Returns:
-        N genomes.
     """
     parent = np.atleast_2d(np.asarray(parent, np.int64))
     length = np.broadcast_to(anatomy.length, parent.shape).copy()
@@ -189,9 +186,6 @@ def draw_genomes(
     """Draw random attachment trees; gene i is uniform, so the parent is among 0..i-1.
 
     Where the anatomy is not ordered, parts then trade places at random.
-
-    Args:
-        sides: move every attachment to the middle of its side.
     """
     genomes = decode_unit_genes(anatomy, rng.random((count, anatomy.size)))
     if not anatomy.ordered:

@@ -25,7 +25,6 @@ class DamageSite:
     """Where a joint can break or jam.
 
     Attributes:
-        name: of the joint.
         part: the part that is lost with it.
         dofs: its degrees of freedom, as indices of motors.
     """
@@ -40,7 +39,6 @@ class LeggedRobot:
     """A robot of Bongard and Lipson 2004.
 
     Attributes:
-        name: of it.
         reach: how far each joint flexes or extends from its default [rad].
         apart: whether every degree of freedom is a place of its own.
         model: the compiled MJCF; nobody writes to it.

@@ -210,11 +210,7 @@ def build_walking_spec(
 
 
 def format_mjcf(bodies: Bodies, row: int = 0, physics: Physics | None = None) -> str:
-    """MJCF text of one body, which opens in any MuJoCo viewer; see `build_spec`.
-
-    Args:
-        physics: constants of the model; None = the defaults of `Physics`.
-    """
+    """MJCF text of one body, which opens in any MuJoCo viewer; see `build_spec`."""
     spec = build_spec(bodies, row, physics)
     spec.compile()
     return spec.to_xml()

@@ -22,9 +22,6 @@ def prepare_jax() -> ModuleType:
     of exactly two threads, on which batched Cholesky factors wait for each other
     forever (`NPROC`). A user's own settings of the same things stay. After an import by
     somebody else only the compilation cache is set.
-
-    Returns:
-        The jax module.
     """
     if "jax" not in sys.modules:
         _set_environment()

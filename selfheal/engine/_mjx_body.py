@@ -149,9 +149,7 @@ def plan_motion(
     """Pose one body along its planned joint angles.
 
     Args:
-        body: one row of `Parts`.
         torso: (4) `compute_torso_constants`.
-        owner: `owners`.
         angles: (P, T + 1) joint angles, one timestep apart [rad].
         timestep: [s].
     """

@@ -122,7 +122,6 @@ def step_body(
     Between contacts it keeps its momentum, that of the moving parts included.
 
     Args:
-        model: of the spheres, see `build_sphere_model`.
         state: of the body before the step.
         pose: of its parts after the step.
     """

@@ -257,14 +257,12 @@ def _settle_body(
     Returns:
         Height of the torso's center above the floor [m].
     """
-    n, height = pose.up, 0.0
+    n, height = pose.up, robot.torso_half[2]
     n[0], n[1], n[2] = 0.0, 0.0, 1.0
-    if robot.substeps == 0:  # bolted down, it stands as it is put
-        pose_body(body, robot, swing[-1], pose)
-        return robot.torso_half[2]
     for step in range(swing.shape[0]):
         m = pose_body(body, robot, swing[step], pose)
-        height = _settle_pose(pose, contacts, m)
+        if robot.substeps > 0:  # else it is bolted down, and stands as it is put
+            height = _settle_pose(pose, contacts, m)
     return height
 
 

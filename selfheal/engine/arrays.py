@@ -31,7 +31,7 @@ class BodyArrays(NamedTuple):
 
     def take_rows(self, rows: slice) -> "BodyArrays":
         """These bodies."""
-        return self._make(column[rows] for column in self)
+        return BodyArrays._make(column[rows] for column in self)
 
 
 class RobotArrays(NamedTuple):
@@ -79,7 +79,7 @@ class Race(NamedTuple):
 
     def take_rows(self, rows: slice | Ints) -> "Race":
         """The race of these bodies."""
-        return self._make(column[rows] for column in self)
+        return Race._make(column[rows] for column in self)
 
 
 def plan_race(

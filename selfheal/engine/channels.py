@@ -24,12 +24,9 @@ class SensorKind:
     """What a sensor measures.
 
     Attributes:
-        code: of the kind in `_settle`.
-        unit: of its channels.
         weight: of a channel's error in the loss: what a degree of tilt is [1/unit].
         noise: by which a right prediction is off [unit].
         axes: of its channels; one without a name where it has one channel.
-        of_part: whether it is a part's.
     """
 
     code: int
@@ -86,12 +83,9 @@ class Channels:
     """The channels (C) of an anatomy's sensors, in their order.
 
     Attributes:
-        names: of the channels, with their axis where there are several.
-        units: of the channels.
         code: (C) of each one's kind.
         part: (C) 1..P, or 0 for the torso.
         axis: (C) 0, 1, 2 within its sensor.
-        loss: of an action, by all of them.
         noise: (C) by which a right prediction is off [unit].
     """
 
@@ -125,9 +119,6 @@ class Channels:
 
 def parse_sensor(name: str, parts: tuple[str, ...]) -> tuple[SensorKind, int]:
     """Kind and part (0 for the torso) of a sensor.
-
-    Args:
-        name: as `tilt` or `touch:shin`.
 
     Raises:
         UnknownNameError: no such kind or part.

@@ -47,7 +47,6 @@ class Mjx:
     """Simulates a rigid, reshaping body for each candidate, on every device.
 
     Attributes:
-        name: "mjx".
         ramp: [s] joints move from 0 to their target.
         hold: [s] then hold.
     """
@@ -132,14 +131,10 @@ class _Program(NamedTuple):
     """All that a compiled batch of simulations depends on, beside its code.
 
     Attributes:
-        size: number of moving parts.
         owner: part of each contact sphere.
         feet: parts whose tips are measured.
         ramp: [s] joints move from 0 to their target.
         hold: [s] then hold.
-        batch: rows in a call.
-        devices: that share them.
-        platform: of the devices.
     """
 
     size: int

@@ -21,11 +21,7 @@ RAMP, HOLD = 2.0, 1.0
 
 
 class MuJoCo:
-    """Simulates each body's own compiled model; different trees at once.
-
-    Attributes:
-        name: "mujoco".
-    """
+    """Simulates each body's own compiled model; different trees at once."""
 
     name = "mujoco"
 

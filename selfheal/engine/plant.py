@@ -28,7 +28,6 @@ class Plant:
 
     Attributes:
         body: a batch of one.
-        physics: of the articulated simulation.
         torque: (P) largest of each motor [N m].
         speed: (P) fastest that each set point moves [rad/s].
         low: (P) and
@@ -105,14 +104,13 @@ def list_lost_parts(body: Bodies, part: int) -> list[int]:
 def apply_damages(plant: Plant, *damages: Damage) -> Plant:
     """The plant after these damages, in order."""
     for damage in damages:
-        plant = replace(plant, **_compute_change(plant, damage))
+        plant = _apply_damage(plant, damage)
     return plant
 
 
-def _compute_change(plant: Plant, damage: Damage) -> dict[str, object]:
-    """What one damage changes."""
+def _apply_damage(plant: Plant, damage: Damage) -> Plant:
+    """The plant after one damage."""
     anatomy, value, name = plant.body.anatomy, damage.value, damage.name
-    change: dict[str, object] = {}
     if damage.kind in ("part_scale", "limb_loss"):
         part = anatomy.parts.index(name)
         scale, least = np.ones((1, anatomy.size)), _LOST_SCALE / plant.body.thickness
@@ -121,21 +119,25 @@ def _compute_change(plant: Plant, damage: Damage) -> dict[str, object]:
         else:
             lost = list_lost_parts(plant.body, part)
             scale[0, lost] = least[0, lost]
-        change["body"] = scale_parts(plant.body, scale)
+        plant = replace(plant, body=scale_parts(plant.body, scale))
     elif damage.kind == "joint_jam":
-        change["jam"] = _replace_element(plant.jam, anatomy.joints.index(name), value)
+        jam = _replace_element(plant.jam, anatomy.joints.index(name), value)
+        plant = replace(plant, jam=jam)
     elif damage.kind == "weak_motor":
         joint = anatomy.joints.index(name.removesuffix("_servo"))
-        for key, values in (("torque", plant.torque), ("speed", plant.speed)):
-            change[key] = _replace_element(values, joint, values[joint] * value)
+        torque, speed = (
+            _replace_element(values, joint, values[joint] * value)
+            for values in (plant.torque, plant.speed)
+        )
+        plant = replace(plant, torque=torque, speed=speed)
     elif damage.kind in ("sensor_dead", "weak_sensor"):
         factor = plant.gain.get(name, 1.0) * value  # a dead one's value is 0
-        change["gain"] = {**plant.gain, name: factor}
+        plant = replace(plant, gain={**plant.gain, name: factor})
     elif damage.kind == "slope":
-        change["slope"] = np.array([value, damage.azimuth])
+        plant = replace(plant, slope=np.array([value, damage.azimuth]))
     elif damage.kind == "ground_friction":
-        change["physics"] = replace(plant.physics, friction=value)
-    return change
+        plant = replace(plant, physics=replace(plant.physics, friction=value))
+    return plant
 
 
 def list_gone_targets(body: Bodies, damages: Sequence[Damage]) -> set[str]:
@@ -197,12 +199,10 @@ def compute_set_points(
     play = np.array([[p.backlash] for p in plants])
     late = [round(p.delay / period) for p in plants]
     rows = zip(commands, late, start, strict=True)
-    late_commands = np.stack(
-        [
-            np.concatenate([np.repeat(s[None], k, 0), c[: len(c) - k]])
-            for c, k, s in rows
-        ]
-    )
+    delayed = [
+        np.concatenate([np.tile(s, (k, 1)), c[: len(c) - k]]) for c, k, s in rows
+    ]
+    late_commands = np.stack(delayed)
     wanted = np.clip(late_commands, low[:, None], high[:, None]) + offset[:, None]
     wanted = np.where(np.isnan(jam)[:, None], wanted, jam[:, None])
     motor = limit_rate(wanted.swapaxes(0, 1), speed * period, start)

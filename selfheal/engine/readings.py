@@ -47,7 +47,6 @@ def compute_readings(
     """Readings of bodies at rest.
 
     Args:
-        packed: the same bodies.
         up: (N, 3) world vertical in the torso's frame.
         height: (N) of the torso's center above the floor [m].
         tips: (N, F) height of each foot's lowest point [m].

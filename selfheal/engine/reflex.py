@@ -42,7 +42,6 @@ class LeggedPlants:
     """N ways that a robot and its world may be; all that damage changes.
 
     Attributes:
-        robot: that all are of.
         present: (N, B) whether each body of the model is there.
         unlocked: (N, D) whether each joint turns.
         motor_gain: (N, D) factor on each motor's torque.

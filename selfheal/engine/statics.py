@@ -22,7 +22,6 @@ class Statics:
     """Settles each body by tipping it from contact to contact; see `_settle`.
 
     Attributes:
-        name: "statics".
         substeps: of the joint ramp, each settled from the last one's rest.
     """
 

@@ -19,7 +19,6 @@ def compute_attachment_probability(
         best: (P) the tree believed in.
         survived: actions that this tree has stood as the best. The chance that the
             right body was not found is taken as 0.25 / (survived + 1).
-        ordered: whether parts hang on those before them.
     """
     seen = belief @ (parent == best)
     missed = _MISSED_PROBABILITY / (survived + 1)

@@ -50,10 +50,7 @@ class Evaluator:
     """Scores genomes on an engine, with early abandonment, and counts simulations.
 
     Attributes:
-        anatomy: of the robot.
-        engine: the predictions come from it.
         actions: (A, P) the joint targets that the robot can try [rad].
-        loss: of one action, from predicted and measured channels.
         spent: simulations so far, abandoned or not.
         spent_choosing: simulations for choosing actions and for showing, counted apart.
         failed: of these, diverged.

@@ -71,7 +71,6 @@ def draw_voters(
     """Draw bodies by belief at even distances, each once.
 
     Args:
-        rng: for where the first distance begins.
         temperature: loss that makes a body e times less likely.
 
     Returns:
@@ -135,7 +134,6 @@ def count_contrasts(twins: SymmetryGroup, actions: Floats) -> Floats:
     sends their joints to the same angle.
 
     Args:
-        twins: whose trades say which parts are alike.
         actions: (A, P) joint targets [rad].
     """
     i, j = np.triu_indices(actions.shape[1], 1)

@@ -54,7 +54,6 @@ def estimate_lengths(
 
     Args:
         plan: of `schema.make_lengths_plan`, for the tree and the sensors that count.
-        like: any body of the robot's anatomy.
         offers: (A, P) poses that the robot can hold [rad].
         ask: has it hold one of them; the channels of `schema` (7) measured there.
         stages: how many poses are asked for before each estimation. All are chosen,

@@ -115,11 +115,7 @@ class _Searched:
 
     Attributes:
         cycle: its record; of the rivals only by the search's own order and losses.
-        evidence: n actions so far.
         candidates: trees (M, P) that might be right, and belief (M) in them.
-        question: to the second engine about the best rivals, if there is one.
-        counts: simulations so far.
-        state: of the loop.
     """
 
     cycle: Cycle

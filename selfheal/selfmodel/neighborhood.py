@@ -32,8 +32,6 @@ class Hypotheses:
     """Distinct bodies (N), by the body that was simulated and which twin of it.
 
     Attributes:
-        simulated: what was simulated.
-        twins: of the robot.
         row: (N) of the kin.
         turn: (N), and
         trade: (N) that make the twin.

@@ -20,9 +20,8 @@ CEILING = 408_000  # 15 x 200 x (1 + 2 + ... + 16) simulations
 def mutate_genes(genes: Floats, rng: np.random.Generator) -> Floats:
     """Genes after one mutation of the program of 2006, (P) in [0, 1] as before it.
 
-    Two things it does that its paper does not say: half of the mutations copy a part
-    into a column that is not read, and the second gene of a pair move starts from the
-    first one's value.
+    As its paper does not say, half of the mutations copy a part into a column that is
+    not read. The second gene of a pair move starts from the first one's value.
     """
     genes = genes.copy()
     if rng.random() < 0.5:

@@ -109,9 +109,6 @@ class DynamicsResult:
     """What a run says of moves over time; errors are as in diagnosis.json.
 
     Attributes:
-        moves: path of the recording.
-        diagnosis: path of the folder with what was found.
-        model: path of the best body with it.
         held: whether the torso lay still in all moves, and counts as bolted down.
         given: error of the best body on a held-out move [1].
         patched: the same with what was found [1].
@@ -133,16 +130,12 @@ class IdentifyResult:
     """What `identify --json` prints, as the schema of a run's result.
 
     Attributes:
-        format: "selfheal-identify".
         parent: (P) what each part hangs on; 0 is the torso.
         sureness: (P) stated probability that each attachment is right.
         length: (P) of the parts [m].
         tilt_error: of the best body on the reference engine [deg].
         actions: tried, each as the joints that go down or as joint targets [rad].
-        simulations: by engine.
         seconds: that it took [s].
-        run: path of the run file.
-        model: path of the best body.
         dynamics: of its joints; None where no moves were asked for.
     """
 

@@ -32,7 +32,6 @@ class Settings:
     """What a run was asked to do.
 
     Attributes:
-        robot: its name.
         recordings: path of the recording that it answers from, "" if none.
         method: "default", "paper", "disagreement", "random-batch" or
             "random-alternate".
@@ -40,9 +39,7 @@ class Settings:
         known_lengths: whether "full" takes lengths as known.
         random_actions: whether the default method leaves its choice to chance.
         engine: "auto", "statics", "mjx" or "mujoco".
-        cycles: actions to try.
         budget: simulations for the search.
-        seed: of everything random.
         moves: short moves over time that the dynamics are told from in the end.
     """
 
@@ -71,7 +68,6 @@ class Cycle:
 
     Attributes:
         action: index into the robot's actions.
-        why: one sentence on the choice.
         felt: (C) measured channels, see `engine.channels`; NaN where a sensor gave
             nothing.
         genomes: (K) the rivals, best first.
@@ -106,10 +102,7 @@ class Run:
     """A run, finished or not.
 
     Attributes:
-        settings: what was asked.
-        anatomy: the robot's parts.
         actions: (A, P) joint targets that the robot can try [rad].
-        cycles: so far.
         truth: the hidden body (batch of one), None if nobody knows it.
         counts: simulations by engine, "choice" (spent on choosing), "failed".
         state: arrays and JSON texts that the search goes on from.

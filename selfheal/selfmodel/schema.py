@@ -57,7 +57,6 @@ class SearchPlan:
     Attributes:
         genes: of a model, each in [0, 1].
         decode: genes (N, G) to genomes.
-        population: models.
         generations: after each pose.
         sensors: names of `CHANNELS` that the error hears of.
         cap: of what a channel is off, in `_SCALE`; farther off is no worse.
@@ -132,7 +131,6 @@ def estimate_models(
     """The estimation of paper C, a yield a pose; poses come in the order given.
 
     Args:
-        like: any body of the robot's anatomy.
         poses: (n, P) joint targets [rad].
         felt: (n, 7) channels measured there.
 

@@ -135,10 +135,6 @@ class RivalSearch:
     """The default search; see the module.
 
     Attributes:
-        space: which genes are unknown.
-        evaluator: simulates and counts.
-        twins: of the anatomy and its actions.
-        size: of the crowd.
         climbers: that climb side by side, `children` changes each at a time.
         alike: bodies whose like parts hang alike, drawn from the prior.
         vain: climbs that ended since the best rival has its tree.

@@ -21,7 +21,6 @@ class Question:
 
     Attributes:
         tables: (N, A, C) what the first engine predicts.
-        evidence: n actions.
         keys: of each rival under each action (N n).
         new: the keys that were never asked for before.
         rows: bodies (M) and joint targets (M, P) [rad] of the new ones.

@@ -28,7 +28,6 @@ class BodySpace:
     """Which genes of a body are unknown.
 
     Attributes:
-        name: "free", "sides" or "full".
         sides: attachments are at the middle of a side, else anywhere.
         hinges: the hinge kind is unknown (paper C), else hinges lift (paper A).
         lengths: part lengths are unknown.
@@ -102,9 +101,10 @@ def _reattach_parts(space: BodySpace, genome: Genomes) -> Genomes:
 
 def _permute_attachments(genome: Genomes, orders: Ints) -> Genomes:
     """Attachments handed from part to part: part i takes that of orders[., i]."""
-    attached = genome.parent, genome.placement, genome.hinge
+    genes = genome.parent, genome.placement, genome.hinge
+    parent, placement, hinge = (gene[0][orders] for gene in genes)
     length = np.repeat(genome.length, len(orders), axis=0)
-    return Genomes(*(gene[0][orders] for gene in attached), length)
+    return Genomes(parent, placement, hinge, length)
 
 
 def _relabel_parts(genome: Genomes, orders: Ints) -> Genomes:

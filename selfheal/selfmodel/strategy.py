@@ -131,11 +131,7 @@ class RivalStrategy:
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """Climb (see `RivalSearch.search`), and look at what is near the peaks.
-
-        Args:
-            limit: number of simulations of the climbers since the start.
-        """
+        """Climb (see `RivalSearch.search`), and look at what is near the peaks."""
         self.finder.search(evidence, limit, rng)
         self.neighborhood.update(self.finder.rivals, evidence)
         self.found = self.neighborhood.list_hypotheses(evidence)
@@ -217,7 +213,6 @@ class ReleasedRule:
     """When climbers climb, and which action is next, in 2006.
 
     Attributes:
-        finder: the climbers.
         method: any of `METHODS` but "default".
         cycles: actions in all.
         weight: of the score at the next choice but one; see `Climbers.score_actions`.
@@ -246,11 +241,7 @@ class ReleasedRule:
     def search_bodies(
         self, evidence: Evidence, limit: int, rng: np.random.Generator
     ) -> None:
-        """200 generations, whatever the limit; in the batch after the last action.
-
-        Args:
-            limit: not heeded.
-        """
+        """200 generations, whatever the limit; in the batch after the last action."""
         generations = GENERATIONS
         if self.method == "random-batch":
             # as many simulations as 200 generations after each action, at most

@@ -34,7 +34,6 @@ class SymmetryGroup:
         turns: (G, 2) quarters turned to the left, then 1 if mirrored (left to right).
         channel: (G, C, C) what that does to the channels [1].
         column: (T, C) of the body, in which the twin of a trade has each channel.
-        ordered: whether parents come before their children.
     """
 
     trade: Ints
