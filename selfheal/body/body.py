@@ -7,6 +7,7 @@ P columns.
 """
 
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,25 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 GRAVITY = 9.81  # [m/s^2]
 BELLY_SENSOR = 0.01  # [m] contract: it sits this far inside the torso's belly
-Rows = slice | list[int] | Ints | NDArray[np.bool_]
+Rows = int | slice | list[int] | Ints | NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class RowBatch:
+    """Rows: every field that is an array has one for each."""
+
+    def __len__(self) -> int:
+        return len(next(iter(self._get_columns().values())))
+
+    def __getitem__(self, rows: Rows) -> Self:
+        """These rows, as a batch."""
+        columns = self._get_columns().items()
+        return replace(self, **{name: column[rows] for name, column in columns})
+
+    def _get_columns(self) -> dict[str, np.ndarray]:
+        """The arrays by name."""
+        values = ((f.name, getattr(self, f.name)) for f in fields(self))
+        return {name: value for name, value in values if isinstance(value, np.ndarray)}
 
 
 @dataclass(frozen=True)
@@ -68,7 +87,7 @@ class Anatomy:
 
 
 @dataclass(frozen=True)
-class Bodies:
+class Bodies(RowBatch):
     """A batch of N bodies made of one anatomy's parts.
 
     Attributes:
@@ -90,14 +109,6 @@ class Bodies:
     length: Floats
     thickness: Floats
     mass: Floats
-
-    def __len__(self) -> int:
-        return len(self.parent)
-
-    def __getitem__(self, rows: Rows) -> "Bodies":
-        """The bodies of these rows, as a batch."""
-        columns = (getattr(self, f.name)[rows] for f in fields(self)[1:])
-        return Bodies(self.anatomy, *columns)
 
 
 def concatenate_bodies(*batches: Bodies) -> Bodies:

@@ -8,6 +8,7 @@ and length.
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.random import Generator
 
 from .body import Anatomy, Bodies, Floats, Ints, Rows
 
@@ -180,9 +181,7 @@ def build_bodies(anatomy: Anatomy, genomes: Genomes) -> Bodies:
     )
 
 
-def draw_genomes(
-    anatomy: Anatomy, count: int, rng: np.random.Generator, sides: bool
-) -> Genomes:
+def draw_genomes(anatomy: Anatomy, count: int, rng: Generator, sides: bool) -> Genomes:
     """Draw random attachment trees; gene i is uniform, so the parent is among 0..i-1.
 
     Where the anatomy is not ordered, parts then trade places at random.

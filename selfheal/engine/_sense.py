@@ -166,12 +166,8 @@ def _measure_torque(
     body: BodyArrays, robot: RobotArrays, part: int, pose: Pose
 ) -> float:
     """Torque that gravity has a joint of a bolted robot hold [N m]."""
-    parent, length, thickness, mass = (
-        body.parent,
-        body.length,
-        body.thickness,
-        body.mass,
-    )
+    parent, length = body.parent, body.length
+    thickness, mass = body.thickness, body.mass
     block_center, block_mass = robot.block_center, robot.block_mass
     frames, spots = pose.frames, pose.spots
     tx, ty = 0.0, 0.0

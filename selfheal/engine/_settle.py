@@ -56,18 +56,10 @@ class Contacts(NamedTuple):
 @numba.njit(**JIT)
 def _allocate_contacts(k: int) -> Contacts:
     """Room for k contact points."""
-    return Contacts(
-        np.empty(k),
-        np.empty(k),
-        np.empty(k, np.int64),
-        np.empty((k, 2)),
-        np.empty(2, np.int64),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-        np.empty((3, k)),
-    )
+    radii, heights, touching = np.empty(k), np.empty(k), np.empty(k, np.int64)
+    flat, simplex, turns = np.empty((k, 2)), np.empty(2, np.int64), np.empty((3, k))
+    e1, e2, base, v = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    return Contacts(radii, heights, touching, flat, simplex, e1, e2, base, v, turns)
 
 
 @numba.njit(inline="always", **JIT)
@@ -191,13 +183,8 @@ def _settle_pose(pose: Pose, contacts: Contacts, m: int) -> float:
 
     Returns the height of the torso's center above the floor [m].
     """
-    com, n, turns, base, v = (
-        pose.com,
-        pose.up,
-        contacts.turns,
-        contacts.base,
-        contacts.v,
-    )
+    com, n, turns = pose.com, pose.up, contacts.turns
+    base, v = contacts.base, contacts.v
     height = 0.0
     for _ in range(_MOST_TIPS):
         height, count = _find_contacts(pose, contacts, m)
@@ -295,7 +282,7 @@ def settle_batch(
 
 
 @numba.njit(**JIT)
-def _turn_as_felt(felt: Floats, robot: RobotArrays, n: Floats) -> bool:
+def _turn_as_measured(measured: Floats, robot: RobotArrays, n: Floats) -> bool:
     """Turn up, n, to where the torso's tilts say it is; returns whether they do.
 
     A belly that is near the floor is above it; without a clearance up keeps its half.
@@ -303,15 +290,15 @@ def _turn_as_felt(felt: Floats, robot: RobotArrays, n: Floats) -> bool:
     code, axis = robot.code, robot.channel_axis
     found = 0
     for c in range(code.shape[0]):
-        if code[c] == 0 and not np.isnan(felt[c]):
-            along = np.sin(np.radians(felt[c]))
+        if code[c] == 0 and not np.isnan(measured[c]):
+            along = np.sin(np.radians(measured[c]))
             if axis[c]:
                 n[0] = along
             else:
                 n[1] = -along
             found += 1
-        elif code[c] == 1 and not np.isnan(felt[c]):
-            n[2] = 1.0 if felt[c] < 500.0 * MAX_CLEARANCE else -1.0
+        elif code[c] == 1 and not np.isnan(measured[c]):
+            n[2] = 1.0 if measured[c] < 500.0 * MAX_CLEARANCE else -1.0
     flat = n[0] ** 2 + n[1] ** 2
     if flat > 1.0:
         n[0], n[1], flat = n[0] / np.sqrt(flat), n[1] / np.sqrt(flat), 1.0
@@ -336,10 +323,10 @@ def race_batch(
         each: (N, n) to fill: the loss under each action, NaN where not simulated,
             infinite where the simulation failed.
     """
-    targets, felt = tried
+    targets, measured = tried
     count, p = targets.shape
     pose, contacts = allocate_pose(p), _allocate_contacts(8 + 10 * p)
-    n, seen, steps = pose.up, np.empty(felt.shape[1]), max(robot.substeps, 1)
+    n, seen, steps = pose.up, np.empty(measured.shape[1]), max(robot.substeps, 1)
     swing = np.empty((count, steps, p, 2))
     for k in range(count):
         swing[k] = compute_swing(targets[k], steps)
@@ -352,13 +339,13 @@ def race_batch(
             action = race.order[row, k]
             height = _settle_body(body, robot, swing[action], pose, contacts)
             sense(body, robot, pose, height, seen)
-            gap = compute_loss(seen, felt[action], loss)
+            gap = compute_loss(seen, measured[action], loss)
             if not np.isfinite(height + n[0] + n[1] + n[2]):
                 gap = np.inf
-            elif gap > rest and _turn_as_felt(felt[action], robot, n):
+            elif gap > rest and _turn_as_measured(measured[action], robot, n):
                 height = _settle_pose(pose, contacts, m)
                 sense(body, robot, pose, height, seen)
-                gap = min(gap, rest + compute_loss(seen, felt[action], loss))
+                gap = min(gap, rest + compute_loss(seen, measured[action], loss))
             each[row, action] = gap
             total += gap
             if not total < race.bound[row, k]:

@@ -1,17 +1,17 @@
 """Readings: what the robot's sensors say at rest, in batches."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from ..body.body import Bodies, Floats, Rows
+from ..body.body import Bodies, Floats, RowBatch
 from .arrays import BodyArrays, pack_robot
 from .channels import MAX_CLEARANCE, TOUCH_HEIGHT
 
 
 @dataclass(frozen=True)
-class Readings:
+class Readings(RowBatch):
     """Sensor values at rest; every array has the same leading shape B.
 
     Attributes:
@@ -30,10 +30,6 @@ class Readings:
     angles: Floats
     channels: Floats
     failed: np.ndarray
-
-    def __getitem__(self, rows: Rows) -> "Readings":
-        """These rows of the leading axis."""
-        return Readings(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def compute_readings(

@@ -8,12 +8,12 @@ evaluated at once. MJX was measured instead: docs/how-recover-works.md.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import Floats, Rows
+from ..body.body import Floats, RowBatch
 from ..body.changes import (
     AIR_DENSITY,
     LOST_SHARE,
@@ -38,7 +38,7 @@ _JAMMED_ARMATURE = (
 
 
 @dataclass(frozen=True)
-class LeggedPlants:
+class LeggedPlants(RowBatch):
     """N ways that a robot and its world may be; all that damage changes.
 
     Attributes:
@@ -64,17 +64,9 @@ class LeggedPlants:
     wind: Floats
     mass_scale: Floats
 
-    def __len__(self) -> int:
-        return len(self.friction)
-
-    def __getitem__(self, rows: Rows) -> "LeggedPlants":
-        """These rows."""
-        kept = {f.name: getattr(self, f.name)[rows] for f in fields(self)[1:]}
-        return replace(self, **kept)
-
 
 @dataclass(frozen=True)
-class Rollouts:
+class Rollouts(RowBatch):
     """What N robots did in `STEPS` steps.
 
     Attributes:
@@ -89,10 +81,6 @@ class Rollouts:
     sensors: Floats
     path: Floats
     failed: np.ndarray
-
-    def __getitem__(self, rows: Rows) -> "Rollouts":
-        """These rows."""
-        return Rollouts(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def build_intact_plants(robot: LeggedRobot, count: int) -> LeggedPlants:

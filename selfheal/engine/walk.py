@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..body.body import BELLY_SENSOR, Anatomy, Floats, Rows
+from ..body.body import BELLY_SENSOR, Anatomy, Floats, RowBatch
 from ..body.changes import compute_direction, tilt_gravity
 from ..body.damage import list_sensors
 from ..machine import count_cores
@@ -28,7 +28,7 @@ FASTEST = 50.0  # [rad/s or m/s] what moves faster has diverged; chosen
 
 
 @dataclass(frozen=True)
-class Walks:
+class Walks(RowBatch):
     """N walks, sampled every `SAMPLE` seconds, S samples without the start.
 
     Attributes:
@@ -52,10 +52,6 @@ class Walks:
     failed: np.ndarray
     state: Floats
     set_point: Floats
-
-    def __getitem__(self, rows: Rows | int) -> "Walks":
-        """These walks, or one without the first axis."""
-        return Walks(*(getattr(self, f.name)[rows] for f in fields(self)))
 
 
 def simulate_walks(

@@ -1,1 +1,1 @@
-"""Self-models: what a robot felt in, the bodies that would explain it out."""
+"""Self-models: readings of a robot in, the bodies that would explain it out."""

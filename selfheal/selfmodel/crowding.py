@@ -6,6 +6,7 @@ Paper C names the algorithm, its population and its generations; the rest is cho
 from collections.abc import Callable
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Floats
 
@@ -17,7 +18,7 @@ _CROSSOVER_PROBABILITY, _STEP, _REDRAW_PROBABILITY = 0.9, 0.1, 0.2
 Errors = Callable[[Floats], Floats]
 
 
-def breed_children(genes: Floats, rng: np.random.Generator) -> Floats:
+def breed_children(genes: Floats, rng: Generator) -> Floats:
     """(N, G) children of N parents (N, G), N even; rows k and k + N / 2 are a pair."""
     first, second = np.split(genes, 2)
     count = genes.shape[1]
@@ -35,7 +36,7 @@ def breed_children(genes: Floats, rng: np.random.Generator) -> Floats:
 
 
 def run_generation(
-    genes: Floats, errors: Floats, score: Errors, rng: np.random.Generator
+    genes: Floats, errors: Floats, score: Errors, rng: Generator
 ) -> tuple[Floats, Floats]:
     """The population after a generation: a child takes the place of the nearer parent.
 

@@ -1,4 +1,4 @@
-"""Evaluation: how badly candidate bodies explain what the robot has felt so far.
+"""Evaluation: how badly candidate bodies explain what the robot has measured so far.
 
 A channel row has what the robot's sensors say, see `engine.channels`. One simulation is
 one candidate under one action, on any engine.
@@ -23,7 +23,7 @@ _MEMORY = 0.9  # of the running mean of each action's loss; chosen
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the robot did and felt.
+    """What the robot did and measured.
 
     Attributes:
         tried: (n) indices of the actions, in the order tried.
@@ -41,9 +41,9 @@ class Evidence:
     def __len__(self) -> int:
         return len(self.tried)
 
-    def add(self, action: int, felt: Floats) -> "Evidence":
+    def add(self, action: int, measured: Floats) -> "Evidence":
         """This evidence and one more action, with its measured channels (C)."""
-        return Evidence((*self.tried, action), np.vstack([self.measured, felt]))
+        return Evidence((*self.tried, action), np.vstack([self.measured, measured]))
 
 
 class Evaluator:
@@ -170,8 +170,8 @@ class Evaluator:
             seen = self.simulate_actions(
                 bodies[np.repeat(alive, width)], tried[now].reshape(-1)
             )
-            felt = evidence.measured[now].reshape(len(seen), -1)
-            gap = self.loss(seen, felt)
+            measured = evidence.measured[now].reshape(len(seen), -1)
+            gap = self.loss(seen, measured)
             gap = np.where(np.isnan(seen).any(axis=1), np.inf, gap).reshape(now.shape)
             each[alive[:, None], now] = gap
             place += width

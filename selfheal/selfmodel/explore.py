@@ -1,13 +1,14 @@
 """Choice of actions: the one whose reading tells most of the body."""
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Floats, Ints
 from .neighborhood import Hypotheses
 from .symmetry import SymmetryGroup
 
 _VOTERS = 384  # bodies that vote, drawn by belief; chosen
-# Chosen: two degrees (or 4 mm) apart is well told apart, given the half degree by
+# Chosen: two degrees (or 4 mm) apart is well apart, given the half degree by
 # which even the right body misses a reading; a degree of loss makes a body e times
 # less likely.
 _RESOLUTION, TEMPERATURE = 2.0, 1.0
@@ -66,7 +67,7 @@ def find_indistinguishable(
 
 
 def draw_voters(
-    found: Hypotheses, rng: np.random.Generator, temperature: float = TEMPERATURE
+    found: Hypotheses, rng: Generator, temperature: float = TEMPERATURE
 ) -> tuple[Hypotheses, Floats]:
     """Draw bodies by belief at even distances, each once.
 
@@ -144,9 +145,7 @@ def count_contrasts(twins: SymmetryGroup, actions: Floats) -> Floats:
     return apart.sum(axis=1).astype(float)
 
 
-def choose_first_action(
-    twins: SymmetryGroup, actions: Floats, rng: np.random.Generator
-) -> int:
+def choose_first_action(twins: SymmetryGroup, actions: Floats, rng: Generator) -> int:
     """Draw one of the actions that send most like parts apart, all equally likely.
 
     Args:
@@ -163,9 +162,7 @@ def choose_action(score: Floats, tried: tuple[int, ...]) -> int:
     return int(np.argmax(score))
 
 
-def choose_random_action(
-    count: int, tried: tuple[int, ...], rng: np.random.Generator
-) -> int:
+def choose_random_action(count: int, tried: tuple[int, ...], rng: Generator) -> int:
     """Draw an untried action, all equally likely."""
     left: Ints = np.setdiff1d(np.arange(count), tried)
     return int(left[rng.integers(len(left))])

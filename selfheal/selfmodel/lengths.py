@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Bodies, Floats
 from ..body.genome import LENGTH_RANGE, Genomes, build_bodies
@@ -48,7 +49,7 @@ def estimate_lengths(
     ask: Ask,
     *,
     stages: Sequence[int],
-    rng: np.random.Generator,
+    rng: Generator,
 ) -> tuple[Genomes, int]:
     """Find the lengths of a body whose tree is known.
 
@@ -63,19 +64,19 @@ def estimate_lengths(
         The best model (1), and the simulations, those for choosing poses included.
     """
     search = _LengthSearch(PoseEvaluator(like, replace(plan, cap=_CAP)), rng)
-    tried, felt = list[int](), list[Floats]()
+    tried, measured = list[int](), list[Floats]()
     for count in stages:
         new = search.choose_poses(offers, tried, count)
         tried += new
-        felt += [ask(k) for k in new]
-        search.update(offers[tried], np.array(felt))
+        measured += [ask(k) for k in new]
+        search.update(offers[tried], np.array(measured))
     return search.build_genomes(search.best[None]), search.judge.spent
 
 
 class _LengthSearch:
     """The search; a model is its lengths [mm], then its zeros [deg]."""
 
-    def __init__(self, judge: PoseEvaluator, rng: np.random.Generator) -> None:
+    def __init__(self, judge: PoseEvaluator, rng: Generator) -> None:
         """Nothing known yet."""
         self.judge, self.rng, self.size = judge, rng, judge.plan.genes
         self.genes = rng.random((_MODELS, self.size))
@@ -115,12 +116,12 @@ class _LengthSearch:
     def compute_information(self, models: Floats, poses: Floats) -> Floats:
         """(N, n, 2 P, 2 P) what each pose tells if a model is right (Fisher's)."""
         slope = self.compute_slopes(models, poses)
-        told = slope.swapaxes(-1, -2) @ np.linalg.solve(
+        information = slope.swapaxes(-1, -2) @ np.linalg.solve(
             self.compute_covariance(slope), slope
         )
         most = np.repeat(_EDGES[:, self.smooth], self.size, axis=0).T
         edge = np.any(np.abs(slope) > most, axis=(-1, -2))
-        return np.where(edge[..., None, None], 0.0, told)
+        return np.where(edge[..., None, None], 0.0, information)
 
     def choose_poses(
         self, offers: Floats, tried: Sequence[int], count: int
@@ -129,17 +130,17 @@ class _LengthSearch:
         left = np.setdiff1d(np.arange(len(offers)), tried)
         if not self.smooth or len(left) <= count:
             return self.rng.permutation(left)[:count].tolist()
-        told = self.compute_information(
+        information = self.compute_information(
             self.draw_plausible_models(offers[list(tried)]), offers
         )
-        sums = self.build_prior() + told[:, list(tried)].sum(axis=1)
+        sums = self.build_prior() + information[:, list(tried)].sum(axis=1)
         found = list[int]()
         for _ in range(count):
-            spread = np.linalg.inv(sums[:, None] + told[:, left])
+            spread = np.linalg.inv(sums[:, None] + information[:, left])
             lengths = np.diagonal(spread, axis1=-2, axis2=-1)[..., : self.size]
             place = int(np.argmin(np.sqrt(lengths).mean(axis=(0, 2))))
             found.append(int(left[place]))
-            sums = sums + told[:, found[-1]]
+            sums = sums + information[:, found[-1]]
             left = np.delete(left, place)
         return found
 
@@ -154,8 +155,8 @@ class _LengthSearch:
             zeros = np.repeat([False, True], self.size)
             drawn = self.rng.normal(0, _ZERO, (_PLAUSIBLE_MODELS, len(low)))
             return np.where(zeros, drawn, self.rng.uniform(low, high, drawn.shape))
-        told = self.compute_information(self.best[None], poses)[0].sum(axis=0)
-        spread = np.linalg.inv(self.build_prior() + told)
+        information = self.compute_information(self.best[None], poses)[0].sum(axis=0)
+        spread = np.linalg.inv(self.build_prior() + information)
         drawn = self.rng.multivariate_normal(self.best, spread, _PLAUSIBLE_MODELS)
         return np.clip(drawn, low, high)
 
@@ -165,9 +166,9 @@ class _LengthSearch:
         far = 5 * _ZERO
         return np.repeat([low, -far], self.size), np.repeat([high, far], self.size)
 
-    def update(self, poses: Floats, felt: Floats) -> None:
+    def update(self, poses: Floats, measured: Floats) -> None:
         """Crowding goes on with all poses so far; then least squares from its best."""
-        score = partial(self.judge.compute_errors, poses, felt)
+        score = partial(self.judge.compute_errors, poses, measured)
         found = score(self.genes)
         for _ in range(_GENERATIONS):
             self.genes, found = run_generation(self.genes, found, score, self.rng)
@@ -179,8 +180,8 @@ class _LengthSearch:
             self.best = models[0]
             return
         models += [self.best] if len(self.best) else []
-        models = [self.fit_least_squares(model, poses, felt) for model in models]
-        costs = [self.compute_cost(model, poses, felt) for model in models]
+        models = [self.fit_least_squares(model, poses, measured) for model in models]
+        costs = [self.compute_cost(model, poses, measured) for model in models]
         self.best = models[int(np.argmin(costs))]
 
     def compute_weights(self, model: Floats, poses: Floats) -> Floats:
@@ -189,15 +190,17 @@ class _LengthSearch:
         return np.linalg.inv(np.linalg.cholesky(spread))
 
     def compute_residuals(
-        self, model: Floats, poses: Floats, felt: Floats, weights: Floats
+        self, model: Floats, poses: Floats, measured: Floats, weights: Floats
     ) -> Floats:
         """(M) what a model misses by, its zeros too."""
-        seen = self.predict_channels(model[None], poses)[0] - felt
+        seen = self.predict_channels(model[None], poses)[0] - measured
         seen = np.nan_to_num(seen[:, self.smooth], nan=_FAILED)
         zeros = model[self.size :] / _ZERO
         return np.append((weights @ seen[..., None]).ravel(), zeros)
 
-    def fit_least_squares(self, start: Floats, poses: Floats, felt: Floats) -> Floats:
+    def fit_least_squares(
+        self, start: Floats, poses: Floats, measured: Floats
+    ) -> Floats:
         """The model at the foot of the hill where a model stands."""
         from scipy.optimize import least_squares
 
@@ -210,7 +213,7 @@ class _LengthSearch:
             return np.vstack([rows.reshape(-1, len(x)), zeros])
 
         found = least_squares(
-            lambda x: self.compute_residuals(x, poses, felt, weights),
+            lambda x: self.compute_residuals(x, poses, measured, weights),
             np.clip(start, low + 1e-6, high - 1e-6),
             slopes,
             bounds=(low, high),
@@ -221,13 +224,13 @@ class _LengthSearch:
         )
         return found.x
 
-    def compute_cost(self, model: Floats, poses: Floats, felt: Floats) -> float:
+    def compute_cost(self, model: Floats, poses: Floats, measured: Floats) -> float:
         """How badly a model explains all: robust squares, and feet that are wrong."""
         gap = self.compute_residuals(
-            model, poses, felt, self.compute_weights(model, poses)
+            model, poses, measured, self.compute_weights(model, poses)
         )
         loss = _ROBUST**2 * np.log1p((gap / _ROBUST) ** 2).sum() / 2
         if self.feet:
             touch = self.predict_channels(model[None], poses)[0][:, self.feet]
-            loss += _TOUCH_COST * np.abs(touch - felt[:, self.feet]).sum()
+            loss += _TOUCH_COST * np.abs(touch - measured[:, self.feet]).sum()
         return float(loss)

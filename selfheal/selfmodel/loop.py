@@ -153,7 +153,7 @@ class _IdentifyLoop:
         self.evidence = Evidence.empty(len(self.channels))
 
     def search_cycle(self) -> _Searched:
-        """One action more, and the search on what it felt."""
+        """One action more, and the search on what it measured."""
         start = time.perf_counter()
         action, why = self.strategy.choose_action(self.evidence, self.rng)
         reading = read_rest_channels(self.robot.act(action), self.robot.anatomy)
@@ -165,19 +165,16 @@ class _IdentifyLoop:
         self.strategy.search_bodies(self.evidence, limit, self.rng)
         rivals = self._list_rivals()
         left = np.setdiff1d(np.arange(len(self.robot.actions)), self.evidence.tried)
-        foreseen, belief = self.strategy.predict_tables()
+        tables, belief = self.strategy.predict_tables()
+        predicted = self.channels.weigh_shown(tables[:, left])
         cycle = Cycle(
             action=action,
             why=why,
             felt=reading,
-            genomes=rivals.genomes,
-            tables=rivals.tables,
-            losses=rivals.losses,
+            **vars(rivals),
             sureness=np.full(self.robot.anatomy.size, np.nan),
             tilt_error=np.nan,
-            disagreement=measure_disagreement(
-                self.channels.weigh_shown(foreseen[:, left]), belief
-            ),
+            disagreement=measure_disagreement(predicted, belief),
             spent=self.evaluator.spent,
             seconds=np.nan,
         )
@@ -237,21 +234,14 @@ class _IdentifyLoop:
         costs = second + self.strategy.compute_prior(cycle.genomes[:count])
         order = np.arange(len(losses))
         order[:count] = np.argsort(costs, kind="stable")
-        return replace(
-            cycle,
-            genomes=cycle.genomes[order],
-            tables=cycle.tables[order],
-            losses=losses[order],
-        )
+        ranked = RivalSet(cycle.genomes, cycle.tables, losses)[order]
+        return replace(cycle, **vars(ranked))
 
     def _count_simulations(self) -> dict[str, int]:
         """Simulations by engine; "choice" and "failed" apart."""
         e = self.evaluator
-        return {
-            e.engine.name: e.spent,
-            "choice": e.spent_choosing,
-            "failed": e.failed,
-        }
+        apart = {"choice": e.spent_choosing, "failed": e.failed}
+        return {e.engine.name: e.spent, **apart}
 
     def _capture_search(self) -> dict[str, np.ndarray | str]:
         """What `restore_state` needs besides the cycles and the second engine."""

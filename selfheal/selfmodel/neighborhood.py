@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ..body.body import Floats, Ints
+from ..body.body import Floats, Ints, RowBatch
 from ..body.genome import Genomes, build_bodies, concatenate_genomes
 from ..engine.arrays import plan_race
 from .evaluate import Evidence
@@ -28,7 +28,7 @@ _WINDOW = 8.0  # loss behind the best at which belief, exp(-8), is nothing; chos
 
 
 @dataclass(frozen=True)
-class Hypotheses:
+class Hypotheses(RowBatch):
     """Distinct bodies (N), by the body that was simulated and which twin of it.
 
     Attributes:
@@ -46,20 +46,6 @@ class Hypotheses:
     trade: Ints
     losses: Floats
     costs: Floats
-
-    def __len__(self) -> int:
-        return len(self.losses)
-
-    def __getitem__(self, rows: Ints) -> "Hypotheses":
-        """Some of them."""
-        return replace(
-            self,
-            row=self.row[rows],
-            turn=self.turn[rows],
-            trade=self.trade[rows],
-            losses=self.losses[rows],
-            costs=self.costs[rows],
-        )
 
     @property
     def genomes(self) -> Genomes:

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Bodies, Floats, concatenate_bodies
 from ..body.genome import Genomes, build_bodies, decode_unit_genes
@@ -17,7 +18,7 @@ CLIMBERS, GENERATIONS, VOTING_CLIMBERS = 15, 200, 5
 CEILING = 408_000  # 15 x 200 x (1 + 2 + ... + 16) simulations
 
 
-def mutate_genes(genes: Floats, rng: np.random.Generator) -> Floats:
+def mutate_genes(genes: Floats, rng: Generator) -> Floats:
     """Genes after one mutation of the program of 2006, (P) in [0, 1] as before it.
 
     As its paper does not say, half of the mutations copy a part into a column that is
@@ -64,11 +65,11 @@ class Climbers(ABC):
         """(N) the trees that genes (N, P) stand for."""
 
     @abstractmethod
-    def draw_first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: Generator) -> Floats:
         """(15, P) genes to start from."""
 
     @abstractmethod
-    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: Generator) -> Floats:
         """(P) genes near those of a parent (P)."""
 
     def build_bodies(self, genomes: Genomes, genes: Floats) -> Bodies:
@@ -84,9 +85,7 @@ class Climbers(ABC):
         race = plan_race(len(genes), order, most[:, None])
         return self.evaluator.compute_losses(bodies, evidence, race)[0]
 
-    def climb(
-        self, evidence: Evidence, generations: int, rng: np.random.Generator
-    ) -> None:
+    def climb(self, evidence: Evidence, generations: int, rng: Generator) -> None:
         """Climb for some generations, the newest action first."""
         if not len(self.genes):
             self.genes = self.draw_first(rng)
@@ -101,9 +100,7 @@ class Climbers(ABC):
             order = np.argsort(self.losses, kind="stable")
             self.genes, self.losses = self.genes[order], self.losses[order]
 
-    def score_actions(
-        self, weight: float, rng: np.random.Generator
-    ) -> tuple[Floats, Floats]:
+    def score_actions(self, weight: float, rng: Generator) -> tuple[Floats, Floats]:
         """How worthwhile each action is: disagreement, less its unreliability.
 
         Args:
@@ -129,7 +126,7 @@ class Climbers(ABC):
         return score, table[: len(genes)]
 
 
-def perturb_placements(genomes: Genomes, rng: np.random.Generator) -> Genomes:
+def perturb_placements(genomes: Genomes, rng: Generator) -> Genomes:
     """Genomes with every placement multiplied by U(0.9, 1.1)."""
     moved = genomes.placement * rng.uniform(0.9, 1.1, genomes.placement.shape)
     return replace(genomes, placement=moved % 1.0)
@@ -147,11 +144,11 @@ class PaperSearch(Climbers):
         """Trees of genes (N, P)."""
         return decode_unit_genes(self.evaluator.anatomy, genes)
 
-    def draw_first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: Generator) -> Floats:
         """Random trees: genes (CLIMBERS, P)."""
         return rng.random((CLIMBERS, self.evaluator.anatomy.size))
 
-    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: Generator) -> Floats:
         """Genes (P) after one to four mutations."""
         for _ in range(rng.integers(1, 5)):
             genes = mutate_genes(genes, rng)

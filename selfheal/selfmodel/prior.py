@@ -1,4 +1,4 @@
-"""Prior: before anything is felt, a body whose like parts are built alike is likelier.
+"""Prior: before any reading, a body whose like parts are built alike is likelier.
 
 The code length of a body (Rissanen 1978): what hangs on the parts of a kind, and where,
 is stated once, however many parts are of it.
@@ -9,6 +9,7 @@ from functools import cache
 from math import prod
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Anatomy, Floats, Ints
 from ..body.genome import (
@@ -104,7 +105,7 @@ def compute_prior_cost(anatomy: Anatomy, space: BodySpace, genomes: Genomes) -> 
 
 
 def draw_alike_genomes(
-    anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
+    anatomy: Anatomy, space: BodySpace, count: int, rng: Generator
 ) -> Genomes:
     """Draw bodies whose like parts hang alike, each once but for its labels.
 
@@ -130,7 +131,7 @@ def draw_alike_genomes(
 
 
 def _draw_alike(
-    anatomy: Anatomy, space: BodySpace, groups: list[Ints], rng: np.random.Generator
+    anatomy: Anatomy, space: BodySpace, groups: list[Ints], rng: Generator
 ) -> Genomes:
     """One body (1) of groups of like parts; it may be no valid one."""
     parent, place = np.zeros((2, anatomy.size))
@@ -158,9 +159,7 @@ def _draw_alike(
     )
 
 
-def _place_group(
-    group: Ints, hosts: list[Ints], rng: np.random.Generator
-) -> tuple[Ints, Floats]:
+def _place_group(group: Ints, hosts: list[Ints], rng: Generator) -> tuple[Ints, Floats]:
     """Parents and placements [rounds] of the parts of a group (m), drawn alike."""
     count, side = len(group), int(rng.integers(_SIDES))
     fits = [host for host in hosts if count % len(host) == 0]
@@ -178,9 +177,7 @@ def _place_group(
     return np.zeros(count, int), (side + row * (_SIDES // used) + at) / _SIDES
 
 
-def _place_row(
-    group: Ints, hosts: list[Ints], rng: np.random.Generator
-) -> tuple[Ints, Floats]:
+def _place_row(group: Ints, hosts: list[Ints], rng: Generator) -> tuple[Ints, Floats]:
     """The same of a row of parts, each at the same side of the one before."""
     first = rng.choice(np.concatenate([[0], *(host + 1 for host in hosts)]))
     middle = (rng.integers(_SIDES) + 0.5) / _SIDES

@@ -29,7 +29,7 @@ FORMAT, VERSION = "selfheal-run", 3
 
 @dataclass(frozen=True)
 class Settings:
-    """What a run was asked to do.
+    """What a run does.
 
     Attributes:
         recordings: path of the recording that it answers from, "" if none.
@@ -40,7 +40,7 @@ class Settings:
         random_actions: whether the default method leaves its choice to chance.
         engine: "auto", "statics", "mjx" or "mujoco".
         budget: simulations for the search.
-        moves: short moves over time that the dynamics are told from in the end.
+        moves: short moves over time that the dynamics are identified from in the end.
     """
 
     robot: str
@@ -64,7 +64,7 @@ def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:
 
 @dataclass(frozen=True)
 class Cycle:
-    """One turn of the loop: an action, what it felt, what is believed since.
+    """One turn of the loop: an action, what it measured, what is believed since.
 
     Attributes:
         action: index into the robot's actions.

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Bodies, Floats, scale_parts
 from ..body.genome import Genomes
@@ -38,11 +39,11 @@ class ScaleSearch(Climbers):
         """Bodies with their parts scaled by factors (N, P)."""
         return scale_parts(super().build_bodies(genomes, genes), genes)
 
-    def draw_first(self, rng: np.random.Generator) -> Floats:
+    def draw_first(self, rng: Generator) -> Floats:
         """Factors (CLIMBERS, P) of one: the known body."""
         return np.ones((CLIMBERS, self.evaluator.anatomy.size))
 
-    def draw_child(self, genes: Floats, rng: np.random.Generator) -> Floats:
+    def draw_child(self, genes: Floats, rng: Generator) -> Floats:
         """Factors (P), of which one is multiplied by 1 +- e^b or drawn anew.
 
         The exponent b is uniform in (-5, 0).
@@ -89,8 +90,8 @@ def estimate_scales(
     rng = np.random.default_rng([seed, 11])
     while len(evidence) < cycles:
         action, _ = rule.choose_action(evidence, rng)
-        felt = read_rest_channels(robot.act(action), robot.anatomy)
-        evidence = evidence.add(action, felt)
+        measured = read_rest_channels(robot.act(action), robot.anatomy)
+        evidence = evidence.add(action, measured)
         rule.search_bodies(evidence, CEILING, rng)
         best = finder.genes[int(np.argmin(finder.losses))]
         yield ScaleEstimate(

@@ -10,6 +10,7 @@ from functools import partial
 from itertools import chain, combinations
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Bodies, Floats
 from ..body.genome import LENGTH_RANGE, Genomes, build_bodies, decode_matrix
@@ -105,34 +106,32 @@ class PoseEvaluator:
             *shape[:2], -1
         )
 
-    def compute_errors(self, poses: Floats, felt: Floats, genes: Floats) -> Floats:
+    def compute_errors(self, poses: Floats, measured: Floats, genes: Floats) -> Floats:
         """(N) mean over poses of the sum of channels, see `_SCALE`; infinite: failed.
 
         Args:
             poses: (n, P) joint targets [rad].
-            felt: (n, 7) channels measured there.
+            measured: (n, 7) channels measured there.
             genes: (N, G) of models.
         """
         bodies = build_bodies(self.like.anatomy, self.plan.decode(genes))
-        gap = (self.simulate_poses(bodies, poses) - felt)[..., self.columns] / _SCALE[
-            self.columns
-        ]
-        far = np.minimum(np.abs(gap), self.plan.cap)
+        gap = (self.simulate_poses(bodies, poses) - measured) / _SCALE
+        far = np.minimum(np.abs(gap[..., self.columns]), self.plan.cap)
         return np.nan_to_num(far, nan=np.inf).sum(axis=2).mean(axis=1)
 
 
 def estimate_models(
     like: Bodies,
     poses: Floats,
-    felt: Floats,
+    measured: Floats,
     plan: SearchPlan,
-    rng: np.random.Generator,
+    rng: Generator,
 ) -> Iterator[tuple[Genomes, float, int]]:
     """The estimation of paper C, a yield a pose; poses come in the order given.
 
     Args:
         poses: (n, P) joint targets [rad].
-        felt: (n, 7) channels measured there.
+        measured: (n, 7) channels measured there.
 
     Yields:
         The best model (1), its error (mean over poses, see `_SCALE`) and the
@@ -141,7 +140,7 @@ def estimate_models(
     judge = PoseEvaluator(like, plan)
     genes = rng.random((plan.population, plan.genes))
     for count in range(1, len(poses) + 1):
-        score = partial(judge.compute_errors, poses[:count], felt[:count])
+        score = partial(judge.compute_errors, poses[:count], measured[:count])
         found = score(genes)
         for _ in range(plan.generations):
             genes, found = run_generation(genes, found, score, rng)

@@ -11,6 +11,7 @@ crowding, Mahfoud 1995, with the tree as the distance).
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes, build_bodies, center_on_sides, concatenate_genomes
@@ -102,19 +103,13 @@ class _Climber:
         behind = np.minimum(_GIVE_UP_LOSS, _GIVE_UP_SHARE * left)
         return order, np.cumsum(mine) + behind - (1e-9 if self.fine else _LEAST_GAIN)
 
-    def propose_changes(
-        self, space: BodySpace, count: int, rng: np.random.Generator
-    ) -> Genomes:
+    def propose_changes(self, space: BodySpace, count: int, rng: Generator) -> Genomes:
         """The next few changes to try; of a body not yet simulated, itself."""
         if self.each is None:
             return self.genome
         if self.around is None:
-            fine = self.fine
-            self.around = (
-                draw_nudges(space, self.genome, rng)
-                if fine
-                else list_changes(space, self.genome)
-            )
+            fine, one = self.fine, (space, self.genome)
+            self.around = draw_nudges(*one, rng) if fine else list_changes(*one)
             self.left = len(self.around)
             self.sound = find_others(space, self.around, self.genome)
             if fine or self.order is None or len(self.order) != self.left:
@@ -157,7 +152,7 @@ class RivalSearch:
             self.evaluator.anatomy, self.space, _ALIKE, np.random.default_rng(0)
         )
 
-    def search(self, evidence: Evidence, limit: int, rng: np.random.Generator) -> None:
+    def search(self, evidence: Evidence, limit: int, rng: Generator) -> None:
         """Search until the evaluator has spent its simulations, or no tree is better.
 
         It ends early where the best rival explains every reading and many climbs led
@@ -261,13 +256,13 @@ class RivalSearch:
         table = self.twins.map_tables(table[None], *which)[0]
         return twin, table, float(losses[turn, trade])
 
-    def _start_climber(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
+    def _start_climber(self, evidence: Evidence, rng: Generator) -> _Climber:
         """A new climber, of every other one the bodies are put down; see `Statics`."""
         climber = self._draw_start(evidence, rng)
         climber.other_rest = OTHER_REST if rng.random() < _PUT_DOWN else np.inf
         return climber
 
-    def _draw_start(self, evidence: Evidence, rng: np.random.Generator) -> _Climber:
+    def _draw_start(self, evidence: Evidence, rng: Generator) -> _Climber:
         """The best of some random bodies, a kicked rival, or a child of two rivals."""
         dice = rng.random()
         if np.isfinite(self.rivals.losses).sum() < 4 or dice < 0.3:
@@ -284,9 +279,7 @@ class RivalSearch:
             child = perturb_genome(self.space, first, rng)
         return _Climber(child, np.inf)
 
-    def _start_from_random(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> _Climber:
+    def _start_from_random(self, evidence: Evidence, rng: Generator) -> _Climber:
         """The best of some random bodies; half of them have like parts alike."""
         anatomy, half = self.evaluator.anatomy, _RANDOM_STARTS // 2
         alike = self.alike[rng.integers(len(self.alike), size=half)]
@@ -304,7 +297,7 @@ class RivalSearch:
         return _Climber(genomes[[best]], loss, parts)
 
     def _step_climbers(
-        self, active: list[_Climber], evidence: Evidence, rng: np.random.Generator
+        self, active: list[_Climber], evidence: Evidence, rng: Generator
     ) -> None:
         """Each climber tries a few changes and takes the best that gains enough."""
         batches = [c.propose_changes(self.space, self.children, rng) for c in active]

@@ -5,6 +5,7 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Anatomy, Ints
 from ..body.genome import (
@@ -63,7 +64,7 @@ def find_space(name: str) -> BodySpace:
 
 
 def draw_space_genomes(
-    anatomy: Anatomy, space: BodySpace, count: int, rng: np.random.Generator
+    anatomy: Anatomy, space: BodySpace, count: int, rng: Generator
 ) -> Genomes:
     """Draw genomes of a space, uniform in every unknown gene."""
     genomes = draw_genomes(anatomy, count, rng, space.sides)
@@ -126,7 +127,7 @@ def _list_orders(p: int) -> tuple[Ints, Ints]:
     return pairs, cycles
 
 
-def _nudge_gene(genome: Genomes, gene: str, rng: np.random.Generator) -> Genomes:
+def _nudge_gene(genome: Genomes, gene: str, rng: Generator) -> Genomes:
     """One gene of one part shifted a little, several sizes for every part."""
     p = genome.parent.shape[1]
     part = np.repeat(np.arange(p), _NUDGES)
@@ -165,7 +166,7 @@ def list_neighbors(space: BodySpace, genome: Genomes) -> Genomes:
     return keep_others(space, list_changes(space, genome), genome)
 
 
-def draw_nudges(space: BodySpace, genome: Genomes, rng: np.random.Generator) -> Genomes:
+def draw_nudges(space: BodySpace, genome: Genomes, rng: Generator) -> Genomes:
     """Bodies one small continuous change away from one (1), none of discrete genes."""
     batches = [genome[:0]]
     if not space.sides:
@@ -203,16 +204,14 @@ def is_same(genomes: Genomes, other: Genomes) -> np.ndarray:
     ).all(axis=1)
 
 
-def cross_genomes(first: Genomes, second: Genomes, rng: np.random.Generator) -> Genomes:
+def cross_genomes(first: Genomes, second: Genomes, rng: Generator) -> Genomes:
     """Uniform crossover: each part's genes from one of two genomes (1)."""
     pick = rng.random(first.parent.shape) < 0.5
     pairs = [[getattr(g, f.name) for g in (first, second)] for f in fields(Genomes)]
     return Genomes(*(np.where(pick, a, b) for a, b in pairs))
 
 
-def perturb_genome(
-    space: BodySpace, genome: Genomes, rng: np.random.Generator
-) -> Genomes:
+def perturb_genome(space: BodySpace, genome: Genomes, rng: Generator) -> Genomes:
     """A genome (1) after two to four random small changes in a row."""
     for _ in range(rng.integers(2, 5)):
         around = list_neighbors(space, genome)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
+from numpy.random import Generator
 
 from ..body.body import Floats, Ints
 from ..body.genome import Genomes
@@ -36,7 +37,7 @@ METHODS = {
 }
 BUDGETS = {name: CEILING for name in METHODS} | {"default": 262_000}
 
-# Chosen: of the vote, for bodies that are not known; bodies the search is told of.
+# Chosen: of the vote, for bodies that are not known; bodies that climbs start from.
 _UNKNOWN_SHARE, _SEEDED = 0.05, 8
 
 
@@ -46,15 +47,11 @@ Arrays = Mapping[str, np.ndarray]
 class Strategy(Protocol):
     """What the loop asks of a method."""
 
-    def choose_action(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> tuple[int, str]:
+    def choose_action(self, evidence: Evidence, rng: Generator) -> tuple[int, str]:
         """The next action, and one sentence on why."""
         ...
 
-    def search_bodies(
-        self, evidence: Evidence, limit: int, rng: np.random.Generator
-    ) -> None:
+    def search_bodies(self, evidence: Evidence, limit: int, rng: Generator) -> None:
         """Look for bodies that explain the evidence.
 
         Args:
@@ -106,9 +103,7 @@ class RivalStrategy:
         self.neighborhood = Neighborhood(self.finder)
         self.found: Hypotheses | None = None  # on the evidence so far
 
-    def choose_action(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> tuple[int, str]:
+    def choose_action(self, evidence: Evidence, rng: Generator) -> tuple[int, str]:
         """The action that best tells the hypotheses apart, their trees first."""
         actions = self.evaluator.actions
         if self.random_actions:
@@ -128,9 +123,7 @@ class RivalStrategy:
             f"{100 * tree[action] @ belief:.0f} % belief in the right tree"
         )
 
-    def search_bodies(
-        self, evidence: Evidence, limit: int, rng: np.random.Generator
-    ) -> None:
+    def search_bodies(self, evidence: Evidence, limit: int, rng: Generator) -> None:
         """Climb (see `RivalSearch.search`), and look at what is near the peaks."""
         self.finder.search(evidence, limit, rng)
         self.neighborhood.update(self.finder.rivals, evidence)
@@ -223,9 +216,7 @@ class ReleasedRule:
     cycles: int
     weight: float = 0.5
 
-    def choose_action(
-        self, evidence: Evidence, rng: np.random.Generator
-    ) -> tuple[int, str]:
+    def choose_action(self, evidence: Evidence, rng: Generator) -> tuple[int, str]:
         """By the released score, by disagreement, or at random in the baselines."""
         if self.method.startswith("random") or not len(evidence):
             count = len(self.finder.evaluator.actions)
@@ -238,9 +229,7 @@ class ReleasedRule:
         action = choose_action(score, evidence.tried)
         return action, f"{why}: {score[action]:.1f} degrees"
 
-    def search_bodies(
-        self, evidence: Evidence, limit: int, rng: np.random.Generator
-    ) -> None:
+    def search_bodies(self, evidence: Evidence, limit: int, rng: Generator) -> None:
         """200 generations, whatever the limit; in the batch after the last action."""
         generations = GENERATIONS
         if self.method == "random-batch":

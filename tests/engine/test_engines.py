@@ -10,28 +10,19 @@ from selfheal.body.body import Bodies
 from selfheal.engine import ENGINES, make_engine
 from selfheal.engine.arrays import pack_bodies, plan_race
 from selfheal.engine.channels import MAX_CLEARANCE, list_channels
-from selfheal.engine.mjx import Mjx
+from selfheal.engine.mjx import Mjx, _compile_program
 from selfheal.engine.mujoco import MuJoCo
 from selfheal.engine.readings import Readings, compute_readings
 from selfheal.engine.statics import Statics
 from selfheal.errors import UnknownNameError
 from tests.support.star_robot import ACTIONS, ANATOMY, STAR, draw_trees, make_stars
 
-STATICS, MUJOCO = Statics(10), MuJoCo()
+STATICS, MJX, MUJOCO = Statics(10), Mjx(batch=40), MuJoCo()
 LOSS = list_channels(ANATOMY).loss
 TREES = 40
 
-# one program is compiled for all tests; test_mjx.py has quicker laws of it
-fast = pytest.mark.parametrize(
-    "engine",
-    [
-        pytest.param(STATICS, id="statics"),
-        pytest.param(Mjx(batch=40), id="mjx", marks=pytest.mark.slow),
-    ],
-)
-every = pytest.mark.parametrize(
-    "engine", [*fast.args[1], pytest.param(MUJOCO, id="mujoco")]
-)
+fast = pytest.mark.parametrize("engine", [STATICS, MJX], ids=lambda e: e.name)
+every = pytest.mark.parametrize("engine", [STATICS, MJX, MUJOCO], ids=lambda e: e.name)
 
 
 def _trees() -> tuple[Bodies, np.ndarray]:
@@ -104,6 +95,14 @@ def test_a_row_does_not_depend_on_its_neighbors(engine):
     _same(engine.simulate(bodies[rows], targets[rows]), together[rows])
 
 
+def test_one_program_serves_every_tree_and_any_number_of_them():
+    MJX.simulate(make_stars(3), ACTIONS[:3])
+    MJX.simulate(draw_trees(45), ACTIONS[np.arange(45) % 36])
+    nobody = MJX.simulate(draw_trees(1)[:0], ACTIONS[:0])
+    assert nobody.tilt.shape == (0, 2) and nobody.angles.shape == (0, 8)
+    assert _compile_program.cache_info().currsize == 1
+
+
 def test_statics_on_threads_gives_what_it_gives_on_one():
     bodies, targets = _trees()
     many = np.tile(np.arange(TREES), 10)
@@ -111,9 +110,13 @@ def test_statics_on_threads_gives_what_it_gives_on_one():
     _same(threads, Statics(10, threads=1).simulate(bodies[many], targets[many]))
 
 
-@every
 @pytest.mark.parametrize(
-    "field, value", [("length", np.nan), ("mass", np.nan), ("heading", np.nan)]
+    "engine, field, value",
+    [
+        *((e, f, np.nan) for e in every.args[1] for f in ("length", "mass", "heading")),
+        (MJX, "mass", 1e300),
+        (MJX, "mass", -0.1),
+    ],
 )
 def test_a_body_without_sense_fails_and_spoils_nobody_else(
     engine, field, value, tmp_path, monkeypatch
@@ -186,10 +189,8 @@ def test_a_race_counts_a_body_without_sense_as_infinitely_bad():
     bodies, _ = _trees()
     length = bodies.length.copy()
     length[1] = np.nan
-    bodies, race = (
-        replace(bodies, length=length)[:3],
-        plan_race(3, np.arange(3), np.inf),
-    )
+    bodies = replace(bodies, length=length)[:3]
+    race = plan_race(3, np.arange(3), np.inf)
     each = STATICS.race(bodies, (ACTIONS[:3], np.zeros((3, 3))), LOSS, race)
     assert each[1, 0] == np.inf and np.isnan(each[1, 1:]).all()
     assert np.isfinite(each[[0, 2]]).all()

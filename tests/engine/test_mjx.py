@@ -1,68 +1,12 @@
-"""The MJX engine: one compiled program for all trees, rows that ignore each other."""
+"""Programs of the MJX engine in fresh processes; its laws are in test_engines.py."""
 
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from selfheal.engine.mjx import Mjx, _compile_program
-from selfheal.engine.statics import Statics
 from tests.support.paths import ROOT
-from tests.support.star_robot import ACTIONS, draw_trees, make_stars
-
-ENGINE = Mjx(batch=40)
-
-
-def _same(one, other) -> None:
-    """Bit for bit the same readings."""
-    np.testing.assert_array_equal(one.tilt, other.tilt)
-    np.testing.assert_array_equal(one.clearance, other.clearance)
-    np.testing.assert_array_equal(one.touch, other.touch)
-
-
-def test_the_star_and_most_random_trees_rest_as_in_statics():
-    dynamic = ENGINE.simulate(make_stars(36), ACTIONS)
-    static = Statics(10).simulate(make_stars(36), ACTIONS)
-    assert not dynamic.failed.any()
-    assert np.degrees(np.abs(dynamic.tilt - static.tilt)).max() < 0.5
-    assert np.abs(dynamic.clearance - static.clearance).max() < 0.002
-    assert (dynamic.touch == static.touch).mean() > 0.95
-    targets = ACTIONS[np.random.default_rng(1).integers(36, size=40)]
-    gap = ENGINE.simulate(draw_trees(40), targets).tilt
-    gap = gap - Statics(10).simulate(draw_trees(40), targets).tilt
-    assert (np.degrees(np.abs(gap)).max(axis=1) < 2).mean() > 0.85
-
-
-def test_one_program_serves_every_tree():
-    ENGINE.simulate(make_stars(3), ACTIONS[:3])
-    ENGINE.simulate(draw_trees(45), ACTIONS[np.arange(45) % 36])
-    assert _compile_program.cache_info().currsize == 1
-
-
-def test_rows_do_not_depend_on_how_many_there_are():
-    bodies, targets = draw_trees(5), ACTIONS[:5]
-    together = ENGINE.simulate(bodies, targets)
-    for i in range(5):
-        _same(ENGINE.simulate(bodies[[i]], targets[[i]]), together[[i]])
-    nobody = ENGINE.simulate(bodies[:0], targets[:0])
-    assert nobody.tilt.shape == (0, 2) and nobody.angles.shape == (0, 8)
-
-
-@pytest.mark.parametrize(
-    "field, value", [("length", np.nan), ("mass", 1e300), ("mass", -0.1)]
-)
-def test_a_failed_candidate_spoils_nobody_else(field, value):
-    bodies, targets = draw_trees(4), ACTIONS[:4]
-    broken = getattr(bodies, field).copy()
-    broken[1, 2] = value
-    mixed = ENGINE.simulate(replace(bodies, **{field: broken}), targets)
-    assert mixed.failed.tolist() == [False, True, False, False]
-    assert np.isnan(mixed.tilt[1]).all()
-    others = np.array([0, 2, 3])
-    _same(mixed[others], ENGINE.simulate(bodies, targets)[others])
 
 
 @pytest.mark.slow

@@ -61,7 +61,7 @@ def make_run(
             spent=250 * (k + 1),
             seconds=1.5 * (k + 1),
         )
-        run = run.with_cycle(cycle)
+        run = replace(run, cycles=(*run.cycles, cycle))
     return run
 
 
