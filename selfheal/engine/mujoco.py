@@ -3,6 +3,7 @@
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,16 +41,13 @@ class MuJoCo:
         starts = np.flatnonzero(_differs_from_previous(bodies))
         groups = np.split(np.arange(len(bodies)), starts[1:])
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            rests = list(
-                pool.map(
-                    lambda g: self._simulate_to_rest(bodies, g, targets[g]), groups
-                )
-            )
+            settle = partial(self._simulate_to_rest, bodies, targets)
+            rests = list(pool.map(settle, groups))
         up, height, tips, angles = (np.concatenate(x) for x in zip(*rests, strict=True))
         return compute_readings(bodies, pack_bodies(bodies), up, height, tips, angles)
 
     def _simulate_to_rest(
-        self, bodies: Bodies, rows: Ints, targets: Floats
+        self, bodies: Bodies, every: Floats, rows: Ints
     ) -> tuple[Floats, ...]:
         """Up (n, 3), height (n), foot heights (n, F), angles (n, P) of one body."""
         import mujoco
@@ -59,7 +57,7 @@ class MuJoCo:
         from ..mujoco_files import silence_mujoco
 
         silence_mujoco()
-        a = bodies.anatomy
+        a, targets = bodies.anatomy, every[rows]
         try:
             # the compiler would take a mass that is NaN for one not given
             if np.isnan(bodies.mass[rows[0]]).any():

@@ -21,7 +21,7 @@ from .explore import measure_disagreement
 from .paper import PaperSearch
 from .plainest import put_plainest_first
 from .rivals import RivalSet
-from .run import Cycle, Run, Settings, uses_second_engine
+from .run import Cycle, Run, Settings, suits_mjx, uses_second_engine
 from .second_engine import Question, SecondEngine
 from .space import BodySpace, find_space, keep_others
 from .strategy import METHODS, ReleasedStrategy, RivalStrategy, Strategy
@@ -50,10 +50,7 @@ def check_settings(settings: Settings, robot: Robot) -> None:
     if settings.engine not in ENGINES:
         raise UnknownNameError("engine", settings.engine, ENGINES)
     find_space(settings.space)
-    known = robot.anatomy
-    if settings.engine == "mjx" and (
-        known.fixed or any(known.bends) or not known.ordered
-    ):
+    if settings.engine == "mjx" and not suits_mjx(robot.anatomy):
         raise InputError(
             "engine 'mjx' knows no robot that is bolted down, has bent parts or parts "
             f"in any order, as {robot.name!r}; would fit: statics or mujoco"
@@ -95,18 +92,14 @@ def check_same_robot(run: Run, robot: Robot) -> None:
         InputError: says what differs.
     """
     name = run.settings.recordings or f"robot {robot.name!r}"
-    if not (
-        run.anatomy.parts == robot.anatomy.parts
-        and np.array_equal(run.actions, robot.actions)
-    ):
+    same_parts = run.anatomy.parts == robot.anatomy.parts
+    if not (same_parts and np.array_equal(run.actions, robot.actions)):
         raise InputError(f"{name} has other parts or actions than when the run began")
     for k, cycle in enumerate(run.cycles if run.settings.recordings else ()):
         again = read_rest_channels(robot.act(cycle.action), robot.anatomy)
         if not np.array_equal(again, cycle.felt, equal_nan=True):
-            raise InputError(
-                f"{name} answers otherwise than when the run began, first in cycle "
-                f"{k + 1}"
-            )
+            said = "answers otherwise than when the run began, first in cycle"
+            raise InputError(f"{name} {said} {k + 1}")
 
 
 @dataclass(frozen=True)

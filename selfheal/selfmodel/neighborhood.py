@@ -113,12 +113,8 @@ class Neighborhood:
             if family not in self._family:
                 self._family.append(family)
                 self._distinct.append(distinct)
-                c = self.bodies
-                self.bodies = RivalSet(
-                    concatenate_genomes(c.genomes, genomes[[row]]),
-                    np.concatenate([c.tables, tables[[row]]]),
-                    np.append(c.losses, np.inf),
-                )
+                body = genomes[[row]], tables[row]
+                self.bodies = self.bodies.append(*body, np.inf)
 
     def _identify_family(self, genome: Genomes) -> tuple[int, Ints]:
         """The name of a body's family, and its twins that differ from one another."""

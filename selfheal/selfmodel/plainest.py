@@ -52,10 +52,9 @@ def find_plainest(
 
 def put_plainest_first(cycle: Cycle, evaluator: Evaluator, evidence: Evidence) -> Cycle:
     """A cycle with the plainest of bodies like its best one before that."""
-    plain, table = find_plainest(
-        evaluator, cycle.genomes[:1], cycle.tables[0], evidence
-    )
-    if is_same(plain, cycle.genomes[:1])[0]:
+    best = cycle.genomes[:1]
+    plain, table = find_plainest(evaluator, best, cycle.tables[0], evidence)
+    if is_same(plain, best)[0]:
         return cycle
     loss = float(evaluator.compute_table_losses(table, evidence).sum())
     return replace(

@@ -246,7 +246,7 @@ def _read_indistinguishable(file: Members) -> Ints:
     return file.read("alike", kind) if len(found) else found
 
 
-def _read_state(file: Members, run: Run) -> dict[str, Any]:
+def _read_state(file: Members, run: Run) -> dict[str, np.ndarray | str]:
     """What the search goes on from; none before it, and none is needed after it."""
     group, settings = file.open_group("state"), run.settings
     if not group.list_names() and (run.result or not run.cycles):

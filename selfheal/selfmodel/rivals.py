@@ -41,6 +41,14 @@ class RivalSet:
         """These rivals, in this order."""
         return RivalSet(self.genomes[rows], self.tables[rows], self.losses[rows])
 
+    def append(self, genome: Genomes, table: Floats, loss: float) -> "RivalSet":
+        """These and a body (1) more, with its table (A, C)."""
+        return RivalSet(
+            concatenate_genomes(self.genomes, genome),
+            np.concatenate([self.tables, table[None]]),
+            np.append(self.losses, loss),
+        )
+
     def add_rival(self, genome: Genomes, table: Floats, loss: float) -> "RivalSet":
         """These and a peak; of two equal structures the better one stays.
 
@@ -52,11 +60,7 @@ class RivalSet:
         if len(twin) and self.losses[twin[0]] <= loss:
             return self
         kept = self[np.setdiff1d(np.arange(len(self)), twin)]
-        return RivalSet(
-            concatenate_genomes(kept.genomes, genome),
-            np.concatenate([kept.tables, table[None]]),
-            np.append(kept.losses, loss),
-        )
+        return kept.append(genome, table, loss)
 
     def keep_best(self, size: int, prior: Floats) -> "RivalSet":
         """The best `size` by loss and prior (K), in this order."""

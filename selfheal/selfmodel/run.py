@@ -56,10 +56,15 @@ class Settings:
     moves: int = 0
 
 
+def suits_mjx(anatomy: Anatomy) -> bool:
+    """Whether MJX knows such a robot: on a floor, parts straight and in order."""
+    return anatomy.ordered and not (anatomy.fixed or any(anatomy.bends))
+
+
 def uses_second_engine(settings: Settings, anatomy: Anatomy) -> bool:
-    """Whether rivals are confirmed by MJX, which knows robots that lie on a floor."""
-    is_plain = anatomy.ordered and not (anatomy.fixed or any(anatomy.bends))
-    return settings.engine == "auto" and settings.method == "default" and is_plain
+    """Whether rivals are confirmed by MJX."""
+    is_ours = settings.engine == "auto" and settings.method == "default"
+    return is_ours and suits_mjx(anatomy)
 
 
 @dataclass(frozen=True)
