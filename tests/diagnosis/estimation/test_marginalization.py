@@ -8,6 +8,7 @@ import numpy as np
 from selfheal.diagnosis.data.segments import cut_segments
 from selfheal.diagnosis.effects import find_effect
 from selfheal.diagnosis.effects.by_target import WorldEffect
+from selfheal.diagnosis.effects.declaration import Proposal
 from selfheal.diagnosis.effects.places import Place
 from selfheal.diagnosis.effects.protocols import ModelEdit
 from selfheal.diagnosis.estimation import marginalization
@@ -156,7 +157,7 @@ class Reversal(WorldEffect, ModelEdit[Place]):
     name = "reversal"
 
     def propose_terms(self, robot):
-        return [self.make_term("world", Place(), (), ((),))]
+        return [self.make_term("world", Place(), Proposal((), ((),)))]
 
     def edit_model(self, model, place, values):
         model.opt.gravity[:] *= -1
