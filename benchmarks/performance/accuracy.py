@@ -13,6 +13,7 @@ from benchmarks.writer import INTACT, format_hits, make_parser, publish_page
 from selfheal.body.mjcf import Physics
 from selfheal.engine import make_engine
 from selfheal.engine.mujoco import MuJoCo
+from selfheal.engine.readings import Engine
 from selfheal.engine.statics import Statics
 from selfheal.robot.actions import load_published_body
 from selfheal.robot.open_robot import open_robot
@@ -66,7 +67,7 @@ def measure_agreement(count: int, seed: int) -> dict[str, object]:
     """How often engines agree with `mujoco` on random trees under random actions."""
     bodies, targets = draw_candidates(count, seed)
 
-    def tilt(engine: MuJoCo | Statics) -> np.ndarray:
+    def tilt(engine: Engine) -> np.ndarray:
         return np.degrees(engine.simulate(bodies, targets).tilt)
 
     reference = tilt(MuJoCo())

@@ -62,7 +62,7 @@ from .simulation.dataset import SHORT_SEGMENT, Dataset, prepare_dataset
 SEARCH_SHARE, FIT_SHARE = 0.55, 0.75
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913, what a user may ask for
     model: str | os.PathLike[str],
     recordings: Sequence[Recording],
     *,

@@ -60,6 +60,7 @@ def selfheal(*words, more="", **environment):
     command = [sys.executable, "-c", CHILD.format(more=more), *map(str, words)]
     return subprocess.run(
         command,
+        check=False,
         capture_output=True,
         text=True,
         cwd=ROOT,
