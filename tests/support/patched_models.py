@@ -14,12 +14,28 @@ from selfheal.diagnosis.simulation.build import build_simulator, summarize_robot
 from selfheal.diagnosis.simulation.model_variants import ModelCompiler
 from tests.support.recorded_robots import Robot, record
 
-FIELDS = (
-    "body_pos body_quat body_mass body_ipos jnt_range qpos_spring jnt_stiffness "
-    "dof_damping dof_frictionloss dof_armature geom_pos geom_size site_pos "
-    "actuator_dyntype actuator_gaintype actuator_gainprm actuator_biasprm "
-    "actuator_ctrlrange actuator_actrange actuator_forcerange"
-).split()  # noqa: SIM905
+FIELDS = [
+    "body_pos",
+    "body_quat",
+    "body_mass",
+    "body_ipos",
+    "jnt_range",
+    "qpos_spring",
+    "jnt_stiffness",
+    "dof_damping",
+    "dof_frictionloss",
+    "dof_armature",
+    "geom_pos",
+    "geom_size",
+    "site_pos",
+    "actuator_dyntype",
+    "actuator_gaintype",
+    "actuator_gainprm",
+    "actuator_biasprm",
+    "actuator_ctrlrange",
+    "actuator_actrange",
+    "actuator_forcerange",
+]
 
 
 def make_case(model: Path, robot: Robot) -> SimpleNamespace:
