@@ -161,7 +161,9 @@ def _fit_restored(fit: Fit, restored: np.ndarray, iterations: int) -> Fit:
     base = LinearizedFit.from_fit(fit)
     values = fit.values + base.move(restored, 1 - fit.values[restored])
     is_restored = np.isin(np.arange(len(values)), restored)
-    each = zip(fit.terms, split_values(fit.terms, is_restored), strict=True)
+    each = zip(
+        fit.terms, split_values(fit.terms, is_restored.astype(float)), strict=True
+    )
     terms = [_fix(t, np.ones(len(r))) if r.any() else t for t, r in each]
     return fit_by_updates(fit.problem, terms, values, iterations, fit.jacobian)
 
