@@ -3,11 +3,11 @@
 import json
 import os
 import tomllib
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from .errors import InputError
 from .files import check_file
@@ -79,7 +79,7 @@ def explain_misfit(
     return where, shorten_value(first["input"]), " or ".join(dict.fromkeys(fits))
 
 
-def _find_place(error: Mapping[str, Any], document: Any) -> str:
+def _find_place(error: ErrorDetails, document: object) -> str:
     """Where in a document an error is; names of types that were tried are left out."""
     place, value, steps = "", document, error["loc"]
     for number, step in enumerate(steps, 1):
@@ -91,7 +91,7 @@ def _find_place(error: Mapping[str, Any], document: Any) -> str:
     return place
 
 
-def shorten_value(value: Any) -> str:
+def shorten_value(value: object) -> str:
     """A value as a message repeats it."""
     said = repr(value)
     return said if len(said) <= _MAX_SHOWN else f"{said[:_MAX_SHOWN]}..."

@@ -199,7 +199,7 @@ class Members:
         text = found.asstr()[()]
         return text if kind is str else self.parse(name, text, kind)
 
-    def read_table(self, table: Mapping[str, Any]) -> dict[str, Any]:
+    def read_table(self, table: Mapping[str, object]) -> dict[str, Any]:
         """Datasets by name, each of its kind; see `read`."""
         return {name: self.read(name, kind) for name, kind in table.items()}
 
@@ -228,11 +228,11 @@ class Members:
         text = self.group.attrs[name]
         return text.decode() if isinstance(text, bytes) else str(text)
 
-    def read_json(self, name: str, kind: Any) -> Any:
+    def read_json(self, name: str, kind: object) -> Any:
         """What the JSON text of an attribute says, as a type has it."""
         return self.parse(f"attribute {name}", self.read_attribute(name), kind)
 
-    def read_document(self, name: str, kind: Any) -> dict[str, Any]:
+    def read_document(self, name: str, kind: object) -> dict[str, Any]:
         """A JSON object of an attribute that fits a type, as it stands; {} if empty."""
         place, text = f"attribute {name}", self.read_attribute(name)
         if not self.parse(place, text, dict[str, Any]):
@@ -243,7 +243,7 @@ class Members:
         except ValueError as error:
             raise self.make_error(place, f"no JSON ({error})") from error
 
-    def parse(self, member: str, text: str | bytes, kind: Any) -> Any:
+    def parse(self, member: str, text: str | bytes, kind: object) -> Any:
         """What a JSON text says, as a type has it.
 
         Args:
@@ -258,7 +258,7 @@ class Members:
         except ValidationError as error:
             raise self.make_error(*explain_misfit(member, error, text)) from error
 
-    def check_list(self, member: str, values: Any, kind: ArraySchema) -> None:
+    def check_list(self, member: str, values: object, kind: ArraySchema) -> None:
         """Refuse a list of numbers of a document that does not fit.
 
         Args:
