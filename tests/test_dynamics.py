@@ -69,6 +69,7 @@ def test_moves_are_diagnosed_and_the_body_gets_what_was_found(diagnosed, tmp_pat
     assert "How its joints move" in (tmp_path / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_with_the_moves_that_were_made(diagnosed, tmp_path):
     diagnosed.fails = 1
     with pytest.raises(KeyboardInterrupt):

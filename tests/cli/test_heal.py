@@ -13,6 +13,7 @@ from tests.support.short_heal import BODY, identified
 pytestmark = pytest.mark.usefixtures("short_heal", "undrawn")
 
 
+@pytest.mark.slow
 def test_on_the_command_line_a_dead_sensor_is_named_and_costs_no_way(tmp_path):
     path, _ = identified(tmp_path)
     dead, out = "left_hip_position", tmp_path / "h"
@@ -26,6 +27,7 @@ def test_on_the_command_line_a_dead_sensor_is_named_and_costs_no_way(tmp_path):
     assert json.loads(again.stdout) == result
 
 
+@pytest.mark.slow
 def test_hours_on_the_command_line(tmp_path):
     path, _ = identified(tmp_path)
     out = tmp_path / "h"

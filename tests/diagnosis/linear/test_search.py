@@ -97,6 +97,7 @@ def drives(tmp_path_factory):
     )
 
 
+@pytest.mark.slow
 def test_all_that_drives_lack_is_found_at_once(drives):
     wanted = {
         (e, f"joint:{j}") for e in ("coulomb_friction", "armature") for j in ANGLES
