@@ -149,9 +149,8 @@ def _read_and_exit(read: Callable[[str], object], request: _Request) -> None:
     """What a child does: read within the limits, and end."""
     code = 1  # of a library that ends the process by itself
     try:
-        signal.setitimer(
-            signal.ITIMER_REAL, request.seconds
-        )  # its signal ends the process
+        # its signal ends the process
+        signal.setitimer(signal.ITIMER_REAL, request.seconds)
         limit_memory(request.memory)
         read(request.path)
         code = 0

@@ -258,36 +258,37 @@ class _WeakMotor(_Weakened):
         plants.motor_gain[row, motor] *= damage.value
 
 
-class _SensorDead(DamageKind):
-    name = "sensor_dead"
+class _SensorKind(DamageKind):
+    """A sensor that reads a share of what is true, which is the damage's value."""
+
     sort = "sensor"
-    meaning = "a sensor reads this for ever; value 0"
-    text = "sensor {name} dead"
-    usage = "dead:SENSOR"
-    is_estimated = True
-    heal_values = recover_values = Values()
 
     def change_plant(self, plant: "Plant", damage: Damage) -> "Plant":
-        gain = plant.gain.get(damage.name, 1.0) * damage.value  # of a dead one 0
+        gain = plant.gain.get(damage.name, 1.0) * damage.value
         return replace(plant, gain={**plant.gain, damage.name: gain})
 
     def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         sensor = plants.robot.sensors.index(damage.name)
         plants.sensor_gain[row, sensor] *= damage.value
 
+
+class _SensorDead(_SensorKind):
+    name = "sensor_dead"
+    meaning = "a sensor reads this for ever; value 0"
+    text = "sensor {name} dead"
+    usage = "dead:SENSOR"
+    is_estimated = True
+    heal_values = recover_values = Values()
+
     def list_gone(self, body: Bodies, name: str) -> set[str]:
         return {f"sensor:{name}"}
 
 
-class _WeakSensor(_Weakened, _SensorDead):
+class _WeakSensor(_Weakened, _SensorKind):
     name = "weak_sensor"
     meaning = "factor on what a sensor reads [1]"
     text = "sensor {name} at {value:.2f}"
     usage = "lie:SENSOR[:FACTOR]"
-    is_estimated = False
-
-    def list_gone(self, body: Bodies, name: str) -> set[str]:
-        return set()
 
 
 class _NeuronDead(DamageKind):
@@ -345,9 +346,8 @@ class _Wind(DamageKind):
     meaning = "speed of a steady wind [m/s]"
     text = "wind of {value:.0f} m/s"
     has_azimuth = True
-    recover_values = Values(
-        (3.0, 6.0, 10.0), 1.5, 0.0, 20.0
-    )  # a breeze to a strong one
+    # a breeze to a strong one
+    recover_values = Values((3.0, 6.0, 10.0), 1.5, 0.0, 20.0)
 
     def change_legged(self, plants: "LeggedPlants", row: int, damage: Damage) -> None:
         plants.wind[row, :2] = damage.value * compute_direction(damage.azimuth)

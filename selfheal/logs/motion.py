@@ -1,6 +1,5 @@
 """How columns move together: samples of a log in; slopes, lags and correlations out."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -178,16 +177,6 @@ def measure_share_inside(values: Floats, low: float, high: float) -> float:
         return 0.0
     slack = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
     return float(((finite >= low - slack) & (finite <= high + slack)).mean())
-
-
-def list_moving(samples: Mapping[str, Sample]) -> set[tuple[str, str]]:
-    """Stream and name of the columns that are not constant."""
-    return {
-        (stream, name)
-        for stream, sample in samples.items()
-        for name, values in sample.columns.items()
-        if np.isfinite(values).any() and np.nanmax(values) > np.nanmin(values)
-    }
 
 
 def find_zero_rows(values: Floats) -> NDArray[np.bool_]:

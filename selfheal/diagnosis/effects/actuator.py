@@ -19,7 +19,7 @@ from .commands import (
     STALE_STEPS,
     CommandGrid,
     change_columns,
-    delay_column,
+    delay_commands,
     filter_column,
     limit_rate_of_column,
 )
@@ -59,9 +59,7 @@ class CommandDelay(
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ActuatorPlace, values: Floats
     ) -> Floats:
-        return change_columns(
-            ctrl, place.controls, lambda u: delay_column(u, values / grid.step)
-        )
+        return delay_commands(ctrl, place.controls, values / grid.step)
 
     def is_whole_in_text(self, place: Place) -> bool:
         """MuJoCo delays by whole time steps."""

@@ -68,6 +68,19 @@ def delay_column(u: Floats, steps: Floats) -> Floats:
     return (1 - share) * before + share * after
 
 
+def delay_commands(ctrl: Floats, controls: Iterable[int], steps: Floats) -> Floats:
+    """Commands of which those of some controls come late.
+
+    Args:
+        ctrl: (1 or N, G, nu) of all controls, on a grid.
+        steps: (N, 1) by how many of the grid's steps.
+
+    Returns:
+        (N, G, nu)
+    """
+    return change_columns(ctrl, controls, lambda u: delay_column(u, steps))
+
+
 def filter_column(u: Floats, keep: Floats) -> Floats:
     """Commands u (1 or N, G) behind a first-order filter; exactly u where keep is 0.
 

@@ -30,11 +30,12 @@ def _list_read_joints(simulator: Simulator) -> tuple[int, ...]:
     """Ids of the hinges and slides whose positions are read."""
     model = simulator.compiler.nominal
     read = {c.target for c in simulator.channels if c.kind == "joint_position"}
+    slide, hinge = 2, 3  # of mjtJoint
     return tuple(
         j
         for j in range(model.njnt)
-        if model.jnt_type[j] in (2, 3) and model.joint(j).name in read
-    )  # mjtJoint: slide, hinge
+        if model.jnt_type[j] in (slide, hinge) and model.joint(j).name in read
+    )
 
 
 def is_measured(simulator: Simulator) -> bool:

@@ -14,8 +14,7 @@ from ..commands import (
     MAX_LOOK_AHEAD,
     SAME_INSTANT_STEPS,
     CommandGrid,
-    change_columns,
-    delay_column,
+    delay_commands,
 )
 from ..declaration import SELDOM, Finding, ParameterSpec, Proposal
 from ..places import ControlsPlace, Place, SignalPlace
@@ -60,9 +59,7 @@ class ClockShift(WorldEffect, CommandFilter[ControlsPlace]):
     def transform_command(
         self, ctrl: Floats, grid: CommandGrid, place: ControlsPlace, values: Floats
     ) -> Floats:
-        return change_columns(
-            ctrl, place.controls, lambda u: delay_column(u, values / grid.step)
-        )
+        return delay_commands(ctrl, place.controls, values / grid.step)
 
 
 class TorqueConstant(WorldEffect, ModelEdit[SignalPlace], SensorMap[SignalPlace]):
